@@ -10,20 +10,13 @@ halved until it is below `MAP_TOLERANCE_PX`. Grey values come from the cubic B-s
 pixels (Unser 1999), which, unlike cubic convolution or Lanczos kernels, does not bias sub-pixel
 positions.
 
-With the spline coefficients c of a row, c * (1, 4, 1)/6 = I, the value at x = i + f is a weighted
-mean of c[i-1] .. c[i+2]. Two of them at a time are fetched by one linear interpolation (Sigg &
-Hadwiger 2005),
-
-    I(x) = g0 c(i - 1 + w1/g0) + g1 c(i + 1 + w3/g1),     g0 = w0 + w1,  g1 = w2 + w3,
-
-which is as exact as the sum of four; in two directions four fetches replace sixteen. At a pixel the
-slope of the spline is (c[i+1] - c[i-1]) / 2. The coefficients come from the inverse of (1, 4, 1)/6,
-sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser 1999), which is truncated below single precision.
+Of the spline coefficients c of a row, c * (1, 4, 1)/6 = I, the slope at a pixel is
+(c[i+1] - c[i-1]) / 2; the values between pixels are in `kernels`. The coefficients come from the
+inverse of (1, 4, 1)/6, sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser 1999), which is truncated below
+single precision.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -35,16 +28,14 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.kernels import sample_points
 from solmap.photogrammetry.matching.records import EpipolarImages
 
-SampleGrid = Float32[np.ndarray, "rows cols"]
 REACH = 14
 """Pixels beyond which z^|k| is below 1e-8."""
 _INVERSE = (np.sqrt(3) * (np.sqrt(3) - 2) ** np.abs(np.arange(-REACH, REACH + 1))).astype(
     np.float32
 )
-STRIP = 32_768
-"""Pixels sampled together, in whole rows, so that their data fit the processor's cache."""
 
 
 def spline_coefficients(image: GreyImage) -> GreyImage:
@@ -64,27 +55,6 @@ def row_slope(coefficients: GreyImage) -> GreyImage:
     return cv2.filter2D(coefficients, -1, np.array([[-0.5, 0.0, 0.5]], np.float32))
 
 
-def sample_rows(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
-    """Grey values at (x, y), where y holds whole rows."""
-    values = np.empty_like(x)
-    for part in _strips(x):
-        g, first, second = _fetch_places(x[part])
-        values[part] = _mix(g, *(_fetch(coefficients, u, y[part]) for u in (first, second)))
-    return values
-
-
-def sample_points(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
-    """Grey values at (x, y)."""
-    values = np.empty_like(x)
-    for part in _strips(x):
-        g_x, left, right = _fetch_places(x[part])
-        g_y, above, below = _fetch_places(y[part])
-        upper = _mix(g_x, *(_fetch(coefficients, u, above) for u in (left, right)))
-        lower = _mix(g_x, *(_fetch(coefficients, u, below) for u in (left, right)))
-        values[part] = _mix(g_y, upper, lower)
-    return values
-
-
 def windows_at(
     image: GreyImage, pixels: Int32[np.ndarray, "n 2"], window_px: int
 ) -> Float32[np.ndarray, "n k"]:
@@ -94,29 +64,6 @@ def windows_at(
     windows = sliding_window_view(image, (window_px, window_px))
     sample, line = (pixels - window_px // 2).T
     return windows[line, sample].reshape(len(pixels), window_px**2)
-
-
-def _strips(x: SampleGrid) -> Iterator[slice]:
-    rows = max(1, STRIP // max(1, x.shape[1]))
-    return (slice(row, row + rows) for row in range(0, len(x), rows))
-
-
-def _mix(share: SampleGrid, first: SampleGrid, second: SampleGrid) -> SampleGrid:
-    return second + share * (first - second)
-
-
-def _fetch_places(x: SampleGrid) -> tuple[SampleGrid, SampleGrid, SampleGrid]:
-    """Weight of the first of two fetches, and positions of both."""
-    i = np.floor(x)
-    f = x - i
-    rest, square = 1 - f, f * f
-    w0, w3 = rest * rest * rest / 6, square * f / 6
-    g0 = w0 + np.float32(2 / 3) - square + 3 * w3
-    return g0, i - w0 / g0, i + 1 + w3 / (1 - g0)
-
-
-def _fetch(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
-    return cv2.remap(coefficients, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
 
 
 MAP_TOLERANCE_PX = 0.01
