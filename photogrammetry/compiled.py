@@ -22,6 +22,7 @@ Kinds = tuple["str | Kinds", ...]
 
 ARRAYS = {
     "image": ("float32", 2),
+    "mask": ("boolean", 2),
     "row": ("float32", 1),
     "pixels": ("int32", 2),
     "points": ("float64", 2),
@@ -52,7 +53,7 @@ class Compiled(Generic[P, R]):
     def dispatcher(self) -> Any:  # noqa: ANN401 - of numba
         """The compiled function."""
         if not self.kinds:
-            return self._build()
+            return self._build(forceinline=True)
         try:
             return self._build(_types(self.kinds), cache=True)
         except (RuntimeError, OSError):  # no folder for the result can be written
@@ -63,11 +64,11 @@ class Compiled(Generic[P, R]):
         """How compiled functions that call this one see it."""
         return self.dispatcher._numba_type_
 
-    def _build(self, *types: Any, cache: bool = False) -> Any:  # noqa: ANN401
+    def _build(self, *types: Any, **how: bool) -> Any:  # noqa: ANN401
         from numba import njit  # noqa: PLC0415 - takes as long as all else that a command imports
 
         options = {"nogil": True, "error_model": "numpy", "fastmath": self.fast}
-        return njit(*types, cache=cache, **options)(self.function)
+        return njit(*types, **options, **how)(self.function)
 
 
 def _types(kinds: Kinds) -> tuple[Any, ...]:

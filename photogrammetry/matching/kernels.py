@@ -21,9 +21,13 @@ import numpy as np
 from solmap.photogrammetry.compiled import compiled
 
 ONE = np.float32(1)
-SIXTH = np.float32(1 / 6)
+TWO, THREE, FOUR = np.float32(2), np.float32(3), np.float32(4)
+HALF, SIXTH = np.float32(0.5), np.float32(1 / 6)
 TWO_THIRDS = np.float32(2 / 3)
 
+U1, U2, U3 = np.uint64(1), np.uint64(2), np.uint64(3)
+
+Window = tuple[np.ndarray, np.ndarray]
 Weights = tuple[np.float32, np.float32, np.float32, np.float32]
 
 TINY = 1e-12
@@ -35,7 +39,7 @@ def _spline_weights(f: np.float32) -> Weights:
     """Weights of the four coefficients about a position; `f` is its fraction of a pixel."""
     rest, square = ONE - f, f * f
     w0, w3 = rest * rest * rest * SIXTH, square * f * SIXTH
-    w1 = TWO_THIRDS - square + 3 * w3
+    w1 = TWO_THIRDS - square + THREE * w3
     return w0, w1, ONE - w0 - w1 - w3, w3
 
 
@@ -48,17 +52,26 @@ def _mirror(index: int, size: int) -> int:
 
 
 @compiled()
+def _four(row: np.ndarray, k: np.uint64, w: Weights) -> np.float32:
+    """Weighted sum of four coefficients from `k` on, which has no sign: it is not from the end."""
+    return w[0] * row[k] + w[1] * row[k + U1] + w[2] * row[k + U2] + w[3] * row[k + U3]
+
+
+@compiled()
+def _at_border(row: np.ndarray, i: int, w: Weights) -> np.float32:
+    """Grey value between the pixels `i` and `i + 1` of a mirrored row of spline coefficients."""
+    value = np.float32(0)
+    for k in range(4):
+        value += w[k] * row[_mirror(i - 1 + k, len(row))]
+    return value
+
+
+@compiled()
 def _between(row: np.ndarray, i: int, w: Weights) -> np.float32:
     """Grey value between the pixels `i` and `i + 1` of a row of spline coefficients."""
-    n = len(row)
-    if 1 <= i < n - 2:
-        return w[0] * row[i - 1] + w[1] * row[i] + w[2] * row[i + 1] + w[3] * row[i + 2]
-    return (
-        w[0] * row[_mirror(i - 1, n)]
-        + w[1] * row[_mirror(i, n)]
-        + w[2] * row[_mirror(i + 1, n)]
-        + w[3] * row[_mirror(i + 2, n)]
-    )
+    if 1 <= i < len(row) - 2:
+        return _four(row, np.uint64(i - 1), w)
+    return _at_border(row, i, w)
 
 
 @compiled()
@@ -68,47 +81,118 @@ def _value_in_row(row: np.ndarray, x: float) -> np.float32:
     return _between(row, int(left), _spline_weights(np.float32(x - left)))
 
 
+@compiled()
+def _value_at_border(
+    coefficients: np.ndarray, place: tuple[int, int], a: Weights, b: Weights
+) -> np.float32:
+    """Grey value right of and below a pixel of a mirrored image of spline coefficients."""
+    value = np.float32(0)
+    for k in range(4):
+        row = coefficients[_mirror(place[1] - 1 + k, len(coefficients))]
+        value += b[k] * _at_border(row, place[0], a)
+    return value
+
+
+@compiled()
+def _value_at(coefficients: np.ndarray, x: float, y: float) -> np.float32:
+    """Grey value at sample `x` and line `y` of an image of spline coefficients."""
+    lines, samples = coefficients.shape
+    left, above = np.floor(x), np.floor(y)
+    i, j = int(left), int(above)
+    a, b = _spline_weights(np.float32(x - left)), _spline_weights(np.float32(y - above))
+    if not (1 <= i < samples - 2 and 1 <= j < lines - 2):
+        return _value_at_border(coefficients, (i, j), a, b)
+    k, row = np.uint64(i - 1), np.uint64(j - 1)
+    return (
+        b[0] * _four(coefficients[row], k, a)
+        + b[1] * _four(coefficients[row + U1], k, a)
+        + b[2] * _four(coefficients[row + U2], k, a)
+        + b[3] * _four(coefficients[row + U3], k, a)
+    )
+
+
 @compiled("image", "image", "image")
 def sample_points(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Grey values at samples `x` and lines `y`, from the spline coefficients of both directions."""
-    lines = coefficients.shape[0]
     values = np.empty_like(x)
     for r in range(x.shape[0]):
         for k in range(x.shape[1]):
-            left, above = np.floor(x[r, k]), np.floor(y[r, k])
-            i, j = int(left), int(above)
-            a, b = _spline_weights(x[r, k] - left), _spline_weights(y[r, k] - above)
-            if 1 <= j < lines - 2:
-                values[r, k] = (
-                    b[0] * _between(coefficients[j - 1], i, a)
-                    + b[1] * _between(coefficients[j], i, a)
-                    + b[2] * _between(coefficients[j + 1], i, a)
-                    + b[3] * _between(coefficients[j + 2], i, a)
-                )
-            else:
-                values[r, k] = (
-                    b[0] * _between(coefficients[_mirror(j - 1, lines)], i, a)
-                    + b[1] * _between(coefficients[_mirror(j, lines)], i, a)
-                    + b[2] * _between(coefficients[_mirror(j + 1, lines)], i, a)
-                    + b[3] * _between(coefficients[_mirror(j + 2, lines)], i, a)
-                )
+            values[r, k] = _value_at(coefficients, x[r, k], y[r, k])
     return values
+
+
+@compiled("points", "points", "indices", "points", "indices")
+def evaluate_bicubic(
+    coefficients: np.ndarray,
+    across: np.ndarray,
+    first_across: np.ndarray,
+    down: np.ndarray,
+    first_down: np.ndarray,
+) -> np.ndarray:
+    """Values, in single precision, of a bicubic spline on the grid of given columns and rows.
+
+    Args:
+        coefficients: B-spline coefficients, rows by columns.
+        across: The four B-splines that are not 0 at each column.
+        first_across: Index of the first of them.
+        down: The same at each row.
+        first_down: The same.
+    """
+    values = np.empty((len(down), len(across)), np.float32)
+    row = np.empty(coefficients.shape[1])
+    for y in range(len(down)):
+        row[:] = 0
+        for m in range(4):
+            row += down[y, m] * coefficients[first_down[y] + m]
+        for x in range(len(across)):
+            k = np.uint64(first_across[x])
+            values[y, x] = (
+                across[x, 0] * row[k]
+                + across[x, 1] * row[k + U1]
+                + across[x, 2] * row[k + U2]
+                + across[x, 3] * row[k + U3]
+            )
+    return values
+
+
+@compiled()
+def _sample_row(row: np.ndarray, x: float, step: float, values: np.ndarray) -> None:
+    """Grey values at the samples x, x + step, x + 2 step, ... of a row of spline coefficients."""
+    last = x + (len(values) - 1) * step
+    if min(x, last) < 1 or max(x, last) >= len(row) - 2:
+        for k in range(len(values)):
+            values[k] = _value_in_row(row, x + k * step)
+    else:
+        for k in range(len(values)):
+            at = x + k * step
+            i = np.uint32(at)
+            values[k] = _four(row, np.uint64(i) - U1, _spline_weights(np.float32(at - i)))
 
 
 @compiled("image", "image", "image")
 def parallax_residual(
     coefficients: np.ndarray, left: np.ndarray, parallax: np.ndarray
 ) -> np.ndarray:
-    """R(x - p, y) - L(x, y) from row coefficients of the right image; 0 where p is NaN."""
+    """R(x - p, y) - L(x, y) from row coefficients of the right image; 0 where p is NaN.
+
+    Beyond a pixel outside the right image its values are those there.
+    """
+    samples = left.shape[1]
     residual = np.empty_like(left)
+    row = np.empty(samples + 5, np.float32)  # mirrored: two pixels before, three behind
     for y in range(left.shape[0]):
-        row = coefficients[y]
-        for x in range(left.shape[1]):
+        row[2 : samples + 2] = coefficients[y]
+        row[0], row[1] = coefficients[y, 2], coefficients[y, 1]
+        for k in range(3):
+            row[samples + 2 + k] = coefficients[y, samples - 2 - k]
+        for x in range(samples):
             p = parallax[y, x]
-            if np.isnan(p):
-                residual[y, x] = 0
-            else:
-                residual[y, x] = _value_in_row(row, np.float32(x) - p) - left[y, x]
+            at = min(max(np.float32(x) - p, np.float32(-1)), np.float32(samples))
+            known = p == p  # noqa: PLR0124 - not NaN
+            at = at + TWO if known else TWO
+            i = np.uint32(at)
+            value = _four(row, np.uint64(i) - U1, _spline_weights(at - np.float32(i)))
+            residual[y, x] = value - left[y, x] if known else np.float32(0)
     return residual
 
 
@@ -179,11 +263,13 @@ def fit_parallax(
     normal, step = np.empty((3, 3)), np.empty(3)
     for n in range(len(pixels)):
         x0, y0 = pixels[n]
-        for k in range(size):
-            dx, dy = k % side - half, k // side - half
-            grey[k] = left[y0 + dy, x0 + dx]
-            g = float(slope[y0 + dy, x0 + dx])
-            design[0, k], design[1, k], design[2, k] = -g, -g * dx, -g * dy
+        k = 0
+        for dy in range(-half, half + 1):
+            for dx in range(-half, half + 1):
+                grey[k] = left[y0 + dy, x0 + dx]
+                g = float(slope[y0 + dy, x0 + dx])
+                design[0, k], design[1, k], design[2, k] = -g, -g * dx, -g * dy
+                k += 1
         _centre(grey)
         for i in range(3):
             _centre(design[i])
@@ -198,9 +284,10 @@ def fit_parallax(
         p, a, b = start[n], 0.0, 0.0
         settled = far = False
         for _ in range(steps):
-            for k in range(size):
-                dx, dy = k % side - half, k // side - half
-                fitted[k] = _value_in_row(coefficients[y0 + dy], x0 + dx - p - a * dx - b * dy)
+            for r in range(side):
+                dy = r - half
+                x = x0 - half - p + a * half - b * dy
+                _sample_row(coefficients[y0 + dy], x, 1 - a, fitted[r * side : (r + 1) * side])
             _centre(fitted)
             fitted *= _dot(grey, fitted) / max(_dot(fitted, fitted), TINY)
             for i in range(3):
@@ -269,10 +356,14 @@ def fit_offsets(
             a = _spline_weights(np.float32(u - left_of))
             b = _spline_weights(np.float32(v - above))
             i, j = x0 - half + int(left_of), y0 - half + int(above)
+            inside = 1 <= i < samples - side - 1
             for r in range(side + 3):
                 row = coefficients[_mirror(j - 1 + r, lines)]
                 for k in range(side):
-                    rows[r, k] = _between(row, i + k, a)
+                    if inside:
+                        rows[r, k] = _four(row, np.uint64(i + k - 1), a)
+                    else:
+                        rows[r, k] = _at_border(row, i + k, a)
             for r in range(side):
                 for k in range(side):
                     right[r * side + k] = (
@@ -347,39 +438,74 @@ def correlate(left: np.ndarray, right: np.ndarray, a: np.ndarray, b: np.ndarray)
     return found
 
 
-@compiled(reorder_sums=True)
-def _add_along(row: np.ndarray, weights: np.ndarray, out: np.ndarray) -> None:
-    """Weighted sums about the pixels of a row, 0 beyond its ends."""
-    reach, n = len(weights) // 2, len(row)
-    padded = np.zeros(n + 2 * reach, np.float32)
-    padded[reach : reach + n] = row
-    out[:] = 0
-    for j in range(len(weights)):
-        w = weights[j]
-        for x in range(n):
-            out[x] += w * padded[x + j]
+@compiled()
+def _window_rows(
+    a: np.ndarray, b: np.ndarray, window: Window, rows: tuple[int, int], sums: np.ndarray
+) -> None:
+    """Sums of a b over the windows about the pixels of some rows; 0 beyond the image.
+
+    `window` has the weights from the middle outwards, across and down, equal on both sides.
+    """
+    across, down = window
+    lines, samples = a.shape
+    reach, rise = len(across) - 1, len(down) - 1
+    product = np.zeros(samples + 2 * reach, np.float32)
+    ring = np.zeros((2 * rise + 1, samples), np.float32)  # sums along the last rows
+    for line in range(rows[0] - rise, rows[1] + rise):
+        along = ring[line % len(ring)]
+        along[:] = 0
+        if 0 <= line < lines:
+            for x in range(samples):
+                product[x + reach] = a[line, x] * b[line, x]
+            _add_pairs(product[reach:], product[reach:], HALF * across[0], along)
+            for k in range(1, reach + 1):
+                _add_pairs(product[reach - k :], product[reach + k :], across[k], along)
+        y = line - rise
+        if y >= rows[0]:
+            out = sums[y]
+            out[:] = 0
+            middle = ring[y % len(ring)]
+            _add_pairs(middle, middle, HALF * down[0], out)
+            for k in range(1, rise + 1):
+                _add_pairs(ring[(y - k) % len(ring)], ring[(y + k) % len(ring)], down[k], out)
 
 
-@compiled(reorder_sums=True)
-def _add_down(rows: np.ndarray, y: int, weights: np.ndarray, out: np.ndarray) -> None:
-    """Weighted sums about the pixels of row `y`, 0 beyond the first and last row."""
-    reach = len(weights) // 2
-    out[:] = 0
-    for j in range(max(0, reach - y), min(len(weights), len(rows) + reach - y)):
-        w, row = weights[j], rows[y + j - reach]
-        for x in range(len(out)):
-            out[x] += w * row[x]
+@compiled()
+def _add_pairs(a: np.ndarray, b: np.ndarray, weight: np.float32, out: np.ndarray) -> None:
+    """Add weight (a + b) to the pixels of a row."""
+    for x in range(len(out)):
+        out[x] += weight * (a[x] + b[x])
 
 
-@compiled("image", "row", "row")
-def window_sums(values: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """Sums over the windows about all pixels, of pixels with the weight down[i] across[j]."""
-    along, sums = np.empty_like(values), np.empty_like(values)
-    for y in range(len(values)):
-        _add_along(values[y], across, along[y])
-    for y in range(len(values)):
-        _add_down(along, y, down, sums[y])
+@compiled("image", "image", ("row", "row"), ("row", "row"), "int32")
+def window_sums(
+    a: np.ndarray, b: np.ndarray, far: Window, near: Window, far_lines: int
+) -> np.ndarray:
+    """Sums of a b over the windows about all pixels: pixels (x, y) count across[|x|] down[|y|].
+
+    Args:
+        a: An image; 0 beyond its borders.
+        b: Another one.
+        far: Weights from the middle outwards, across and down, of the upper rows.
+        near: Those of the rest.
+        far_lines: Number of the upper rows.
+    """
+    sums = np.empty_like(a)
+    _window_rows(a, b, far, (0, far_lines), sums)
+    _window_rows(a, b, near, (far_lines, len(a)), sums)
     return sums
+
+
+@compiled("image", "image", "image")
+def window_variance(squares: np.ndarray, sums: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Variance in windows, from sums of squares and of values, and their number; not negative."""
+    variance = np.empty_like(sums)
+    for y in range(sums.shape[0]):
+        for x in range(sums.shape[1]):
+            n = count[y, x]
+            mean = sums[y, x] / n
+            variance[y, x] = max(squares[y, x] / n - mean * mean, np.float32(0))
+    return variance
 
 
 @compiled("image", "image", "image", "image", "image")
@@ -436,3 +562,77 @@ def smooth_surfaces(
         for x in range(samples):
             smooth[y, x] = parallax[y, x] + total[x] / weight[x]
     return smooth
+
+
+@compiled("image", "float32", "int32")
+def fixed_point(values: np.ndarray, units: np.float32, gap: int) -> np.ndarray:
+    """Values in 16 bits, `units` to 1, `gap` where they are NaN or out of range."""
+    fixed = np.empty(values.shape, np.int16)
+    for y in range(values.shape[0]):
+        for x in range(values.shape[1]):
+            scaled = np.rint(values[y, x] * units)
+            fixed[y, x] = scaled if abs(scaled) < abs(gap) else gap
+    return fixed
+
+
+@compiled("image", "image", "float32")
+def mutual_parallax(forth: np.ndarray, back: np.ndarray, largest: np.float32) -> np.ndarray:
+    """Parallax from left to right where that from right to left differs by at most `largest`.
+
+    Args:
+        forth: Parallax on the left grid; NaN where there is none.
+        back: Parallax on the right grid.
+        largest: Largest difference, pixels.
+    """
+    mutual = np.full_like(forth, np.nan)
+    samples = forth.shape[1]
+    for y in range(forth.shape[0]):
+        for x in range(samples):
+            p = forth[y, x]
+            if not np.isnan(p):
+                partner = int(np.rint(np.float32(x) - p))
+                if 0 <= partner < samples and abs(p - back[y, partner]) <= largest:
+                    mutual[y, x] = p
+    return mutual
+
+
+@compiled("image", "image", "image", "image", "mask", "float32")
+def local_contrast(
+    grey: np.ndarray,
+    mean: np.ndarray,
+    square: np.ndarray,
+    share: np.ndarray,
+    mask: np.ndarray,
+    floor: np.float32,
+) -> np.ndarray:
+    """(I - m) / sqrt(s^2 + floor) at the usable pixels, from local means; 0 elsewhere.
+
+    Args:
+        grey: Grey values; 0 where not usable.
+        mean: Their local mean, pixels not usable included.
+        square: That of their squares.
+        share: That of the mask.
+        mask: The usable pixels.
+        floor: Variance of noise.
+    """
+    contrast = np.zeros_like(grey)
+    for y in range(grey.shape[0]):
+        for x in range(grey.shape[1]):
+            if mask[y, x]:
+                m = mean[y, x] / share[y, x]
+                variance = max(square[y, x] / share[y, x] - m * m, np.float32(0))
+                contrast[y, x] = (grey[y, x] - m) / np.sqrt(variance + floor)
+    return contrast
+
+
+@compiled("image", "image", "image")
+def foerstner(xx: np.ndarray, xy: np.ndarray, yy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weight w = det N / tr N and roundness q = 4 det N / (tr N)^2 of the matrices N of windows."""
+    w, q = np.empty_like(xx), np.empty_like(xx)
+    for y in range(xx.shape[0]):
+        for x in range(xx.shape[1]):
+            determinant = xx[y, x] * yy[y, x] - xy[y, x] * xy[y, x]
+            trace = max(xx[y, x] + yy[y, x], np.float32(TINY))
+            w[y, x] = determinant / trace
+            q[y, x] = FOUR * determinant / (trace * trace)
+    return w, q

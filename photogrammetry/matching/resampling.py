@@ -21,14 +21,22 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
-from solmap.photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Int32, Mask
+from solmap.photogrammetry.arrays import (
+    Bool,
+    Float32,
+    Float64,
+    GreyImage,
+    ImagePoints,
+    Int32,
+    Mask,
+)
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.matching.kernels import sample_points
+from solmap.photogrammetry.matching.kernels import evaluate_bicubic, sample_points
 from solmap.photogrammetry.matching.records import EpipolarImages
 
 REACH = 14
@@ -78,7 +86,7 @@ COARSEST_STEP_PX = 32
 REACH_PX = 3
 """Distance in pixels beyond which a bad pixel affects its spline by less than 2 percent."""
 
-ImageMap = Float64[np.ndarray, "rows cols 2"]
+ImageMap = Float32[np.ndarray, "rows cols 2"]
 """(sample, line) in the original image of every epipolar pixel."""
 
 Source = tuple[Float32[np.ndarray, "_ _"], Bool[np.ndarray, "_ _"], CameraModel]
@@ -98,14 +106,15 @@ def resample(
     """
     _check_eye(camera, geometry, eye)
     source = original_points(camera, geometry)
-    u, v = (np.ascontiguousarray(source[:, :, k], dtype=np.float32) for k in (0, 1))
+    u, v = (np.ascontiguousarray(source[:, :, k]) for k in (0, 1))
     lines, samples = image.shape
     inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # NaN does not
     if not inside.all():
         u, v = (np.where(inside, w, np.float32(0)) for w in (u, v))
     usable = _warp_mask(mask, u, v) & inside
     grey = sample_points(spline_coefficients(_fill_bad_pixels(image, mask)), u, v)
-    return np.where(usable, grey, np.float32(0)), usable
+    grey[~usable] = 0
+    return grey, usable
 
 
 def epipolar_images(
@@ -145,7 +154,7 @@ def original_points(camera: CameraModel, geometry: EpipolarPair) -> ImageMap:
         step //= 2
     return _project(
         camera, geometry, np.arange(float(geometry.samples)), np.arange(float(geometry.lines))
-    )
+    ).astype(np.float32)
 
 
 def _nodes(size: int, step: int) -> Float64[np.ndarray, " n"]:
@@ -162,14 +171,25 @@ def _project(
 
 def _interpolate(
     coarse: np.ndarray, x: np.ndarray, y: np.ndarray, to_x: np.ndarray, to_y: np.ndarray
-) -> np.ndarray:
-    """Values of the bicubic spline through `coarse`; splines are linear in their data."""
-    by_x = make_interp_spline(x, np.eye(len(x)), k=3)(to_x)
-    by_y = make_interp_spline(y, np.eye(len(y)), k=3)(to_y)
-    planes = np.empty((2, len(to_y), len(to_x)))
-    for k, plane in enumerate(planes):
-        np.matmul(by_y @ coarse[:, :, k], by_x.T, out=plane)
-    return np.moveaxis(planes, 0, -1)  # each coordinate is used alone
+) -> ImageMap:
+    """Values of the bicubic spline through `coarse`."""
+    by_row = make_interp_spline(y, coarse, k=3)
+    by_column = make_interp_spline(x, by_row.c.swapaxes(0, 1), k=3)
+    across, down = _splines_at(to_x, by_column.t), _splines_at(to_y, by_row.t)
+    coefficients = np.ascontiguousarray(np.moveaxis(by_column.c, -1, 0).swapaxes(1, 2))
+    planes = np.empty((2, len(to_y), len(to_x)), np.float32)  # each coordinate is used alone
+    for plane, spline in zip(planes, coefficients, strict=True):
+        plane[:] = evaluate_bicubic(spline, *across, *down)
+    return np.moveaxis(planes, 0, -1)
+
+
+def _splines_at(
+    places: np.ndarray, knots: np.ndarray
+) -> tuple[Float64[np.ndarray, "n 4"], np.ndarray]:
+    """The four cubic B-splines that are not 0 at each place, and the index of their first."""
+    table = BSpline.design_matrix(places, knots, 3)
+    first = table.indices.reshape(-1, 4)[:, 0].astype(np.int64)
+    return table.data.reshape(-1, 4), first
 
 
 def _error_px(

@@ -30,7 +30,6 @@ divided by w^2 of about a tenth (`UNSETTLED`), is added to sigma^2.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -42,6 +41,7 @@ from solmap.photogrammetry.matching.kernels import (
     parallax_residual,
     smooth_surfaces,
     window_sums,
+    window_variance,
 )
 from solmap.photogrammetry.matching.records import DenseMatches, EpipolarImages
 from solmap.photogrammetry.matching.resampling import (
@@ -69,8 +69,6 @@ from solmap.photogrammetry.ranges import (
     Share,
     WholeParallax,
 )
-
-Filter = Callable[[GreyImage], GreyImage]
 
 WINDOW_NOISE = 0.67
 """Variance of a step over s0^2/E: 0.46, because a box applied twice has weights whose squares sum
@@ -230,14 +228,15 @@ class PixelwiseMatcher:
         self.right_coefficients = row_coefficients(right.grey)
         self.params = params
         self.far_lines = far_lines
+        self.ones = np.ones_like(left.grey)
 
     def refine(self, rough: ParallaxMap) -> tuple[ParallaxMap, ParallaxMap]:
         """Refined parallax where reliable, and its standard deviation."""
         windows = self._windows(np.isfinite(rough))
         parallax = self.smooth(rough)
         for _ in range(self.params.steps - 1):
-            parallax = self.smooth(parallax + self._step(windows, self._residual(parallax)))
-        parallax = parallax + self._step(windows, self._residual(parallax))
+            parallax = self.smooth(self._move(windows, parallax))
+        parallax = self._move(windows, parallax)
         fit = self._fit(windows, parallax)
         good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
@@ -254,10 +253,9 @@ class PixelwiseMatcher:
     def _fit(self, windows: Windows, parallax: ParallaxMap) -> Fit:
         """Agreement of the images under a parallax."""
         residual = self._residual(parallax)
-        total = self._window_sum(residual)
-        variance = self._window_sum(residual * residual) - total * total / windows.count
-        variance = np.maximum(variance, 0) / windows.count
-        step = self._step(windows, residual)
+        total = self._window_sum(residual, self.ones)
+        variance = window_variance(self._window_sum(residual, residual), total, windows.count)
+        step = self._step(windows, residual, total)
         noise = np.float32(WINDOW_NOISE) * variance / windows.energy
         unsettled = np.float32(UNSETTLED) * self._mean_square(step, windows.known)
         return Fit(
@@ -267,17 +265,21 @@ class PixelwiseMatcher:
 
     def _windows(self, known: Mask) -> Windows:
         """Sums that do not depend on the parallax, only on where there is one."""
-        slope = np.where(known, self.slope, np.float32(0))
-        count = np.maximum(self._window_sum(known.astype(np.float32)), np.float32(1e-3))
-        total = self._window_sum(slope)
-        energy = np.maximum(self._window_sum(slope * slope) - total * total / count, TINY)
-        return Windows(known, slope, count, total, energy)
+        one, slope = known.astype(np.float32), np.where(known, self.slope, np.float32(0))
+        count = np.maximum(self._window_sum(one, one), np.float32(1e-3))
+        total = self._window_sum(slope, one)
+        variance = window_variance(self._window_sum(slope, slope), total, count)
+        return Windows(known, slope, count, total, np.maximum(count * variance, TINY))
 
-    def _step(self, windows: Windows, residual: GreyImage) -> ParallaxMap:
-        """The least-squares correction."""
-        products = self._window_sum(windows.slope * residual)
-        total = self._window_sum(residual)
+    def _step(self, windows: Windows, residual: GreyImage, total: GreyImage) -> ParallaxMap:
+        """The least-squares correction; `total` is the sum of the residuals."""
+        products = self._window_sum(windows.slope, residual)
         return least_squares_step(products, total, windows.slopes, windows.count, windows.energy)
+
+    def _move(self, windows: Windows, parallax: ParallaxMap) -> ParallaxMap:
+        """The parallax after one correction."""
+        residual = self._residual(parallax)
+        return parallax + self._step(windows, residual, self._window_sum(residual, self.ones))
 
     def _residual(self, parallax: ParallaxMap) -> GreyImage:
         """The right image less the left one under a parallax; 0 where there is none."""
@@ -286,19 +288,15 @@ class PixelwiseMatcher:
     def _contrast(self, windows: Windows) -> GreyImage:
         """Variance of the left image in the window, where there is parallax."""
         grey = np.where(windows.known, self.left, np.float32(0))
-        total, squares = self._window_sum(grey), self._window_sum(grey * grey)
-        return np.maximum(squares - total * total / windows.count, 0) / windows.count
+        squares = self._window_sum(grey, grey)
+        return window_variance(squares, self._window_sum(grey, self.ones), windows.count)
 
-    def _window_sum(self, values: GreyImage) -> GreyImage:
-        """Sums over the windows about all pixels."""
+    def _window_sum(self, a: GreyImage, b: GreyImage) -> GreyImage:
+        """Sums of a b over the windows about all pixels."""
         side = self.params.box_px
         low, wide = int(side * SQUEEZE) | 1, int(side / SQUEEZE) - 1 | 1
-
-        def over(width: int, height: int) -> Filter:
-            across, down = _twice(width), _twice(height)
-            return lambda rows: window_sums(rows, across, down)
-
-        return _far_and_near(values, self.far_lines, 2 * side, over(wide, low), over(side, side))
+        far, near = (_twice(wide), _twice(low)), (_twice(side), _twice(side))
+        return window_sums(a, b, far, near, self.far_lines)
 
     def _mean_square(self, values: GreyImage, known: Mask) -> GreyImage:
         """Mean square over the surroundings, of the pixels with a parallax."""
@@ -309,18 +307,5 @@ class PixelwiseMatcher:
 
 
 def _twice(width: int) -> Float32[np.ndarray, " n"]:
-    """Weights of a box applied twice, that of the middle being 1."""
-    box = np.ones(width, np.float32)
-    return np.convolve(box, box) / np.float32(width)
-
-
-def _far_and_near(
-    values: GreyImage, far_lines: int, reach: int, far: Filter, near: Filter
-) -> GreyImage:
-    """Results of one filter for far rows and another for near ones, without mixing them."""
-    out = np.empty_like(values)
-    for start, stop, filtered in ((0, far_lines, far), (far_lines, len(values), near)):
-        if stop > start:
-            first = max(0, start - reach)
-            out[start:stop] = filtered(values[first : stop + reach])[start - first : stop - first]
-    return out
+    """Weights of a box applied twice, from the middle outwards, that of the middle being 1."""
+    return np.arange(width, 0, -1, dtype=np.float32) / np.float32(width)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.interpolate import BSpline
 
 from solmap.photogrammetry.matching import kernels
 from solmap.photogrammetry.matching.resampling import (
@@ -50,7 +51,7 @@ def test_the_residual_is_the_spline_of_the_right_row_less_the_left_pixel(texture
     parallax[10:20, 5:30] = np.nan
     found = kernels.parallax_residual(row_coefficients(right), left, parallax)
     for y in (0, 15, SIDE - 1):
-        x = np.arange(SIDE) - np.nan_to_num(parallax[y].astype(float))
+        x = np.clip(np.arange(SIDE) - np.nan_to_num(parallax[y].astype(float)), -1, SIDE)
         exact = ndimage.map_coordinates(right[y].astype(float), [x], order=3, mode="mirror")
         exact = np.where(np.isnan(parallax[y]), 0, exact - left[y])
         np.testing.assert_allclose(found[y], exact, atol=2e-4)
@@ -139,13 +140,27 @@ def test_correlations_are_products_of_windows(rng):
     np.testing.assert_allclose(found, (left[a] * right[b]).sum(axis=1), rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize(("across", "down"), [(5, 5), (9, 3), (1, 7)])
-def test_window_sums_are_a_correlation_with_the_weights(rng, across, down):
-    values = rng.normal(size=(31, 42)).astype(np.float32)
-    weights = [np.arange(1, n + 1, dtype=np.float32) for n in (down, across)]
-    exact = ndimage.correlate(values.astype(float), np.outer(*weights), mode="constant")
-    found = kernels.window_sums(values, weights[1], weights[0])
-    np.testing.assert_allclose(found, exact, rtol=1e-4, atol=1e-3)
+@pytest.mark.parametrize("far_lines", [0, 12, 31])
+def test_window_sums_are_a_correlation_with_the_weights(rng, far_lines):
+    a, b = rng.normal(size=(2, 31, 42)).astype(np.float32)
+    windows = [((9, 8, 5, 3), (4, 1)), ((5, 3), (7, 5, 2))]
+    halves = [tuple(np.array(w, np.float32) for w in window) for window in windows]
+    exact = []
+    for across, down in halves:
+        whole = [np.concatenate([w[:0:-1], w]) for w in (down, across)]
+        exact.append(ndimage.correlate((a * b).astype(float), np.outer(*whole), mode="constant"))
+    expected = np.concatenate([exact[0][:far_lines], exact[1][far_lines:]])
+    found = kernels.window_sums(a, b, *halves, far_lines)
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-3)
+
+
+def test_the_variance_in_a_window_is_that_of_its_values_and_never_negative(rng):
+    values = rng.normal(3, 2, 50)
+    sums = (values @ values, values.sum(), 50.0)
+    found = kernels.window_variance(*(np.full((1, 1), value, np.float32) for value in sums))
+    assert found[0, 0] == pytest.approx(values.var(), rel=1e-4)
+    rounded = (0.999, 10.0, 100.0)
+    assert kernels.window_variance(*(np.full((1, 1), v, np.float32) for v in rounded))[0, 0] == 0
 
 
 def test_a_step_is_the_least_squares_solution_of_a_window(rng):
@@ -173,3 +188,57 @@ def test_smoothing_averages_the_surface_around_a_pixel_alone(rng):
         weight = np.exp(-squared[near] / 8) * np.maximum(0, 1 - np.abs(difference) / 2.5)
         exact = parallax[y, x] + weight @ difference / weight.sum()
         assert found[y, x] == pytest.approx(exact, abs=2e-5)
+
+
+def test_a_bicubic_spline_is_evaluated_by_the_four_of_its_terms_that_count(rng):
+    knots = np.r_[0, 0, 0, 0, 2, 5, 9, 9, 9, 9].astype(float)
+    coefficients = rng.normal(size=(6, 6))
+    places = [np.linspace(0, 9, n) for n in (14, 11)]  # columns, rows
+    tables = [BSpline.design_matrix(place, knots, 3) for place in places]
+    arguments = [
+        part
+        for table in tables
+        for part in (table.data.reshape(-1, 4), table.indices[::4].astype(np.int64))
+    ]
+    exact = BSpline(knots, coefficients, 3)(places[1]) @ tables[0].toarray().T
+    found = kernels.evaluate_bicubic(coefficients, *arguments)
+    np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-6)
+
+
+def test_fixed_point_values_are_rounded_and_gaps_marked():
+    values = np.array([[1.03, -2.5, np.nan], [1e6, -1e6, 0.0]], np.float32)
+    found = kernels.fixed_point(values, np.float32(16), -32_000)
+    np.testing.assert_array_equal(found, [[16, -40, -32_000], [-32_000, -32_000, 0]])
+
+
+def test_a_parallax_is_mutual_where_the_partner_leads_back(rng):
+    forth = rng.uniform(-5, 5, (20, 30)).astype(np.float32)
+    back = rng.uniform(-5, 5, forth.shape).astype(np.float32)
+    for array in (forth, back):
+        array[rng.random(array.shape) < 0.1] = np.nan
+    found = kernels.mutual_parallax(forth, back, np.float32(2.0))
+    for (y, x), p in np.ndenumerate(forth):
+        partner = np.rint(x - p) if np.isfinite(p) else -1
+        mutual = 0 <= partner < 30 and abs(back[y, int(partner)] - p) <= 2
+        assert np.isfinite(found[y, x]) == mutual
+        assert found[y, x] == p or not mutual
+
+
+def test_contrast_is_the_distance_from_the_local_mean_in_standard_deviations(rng):
+    grey = rng.normal(5, 2, (6, 7)).astype(np.float32)
+    mask = rng.random(grey.shape) < 0.8
+    mean, square, share = rng.uniform(0.5, 1, (3, *grey.shape)).astype(np.float32)
+    found = kernels.local_contrast(grey, mean, square, share, mask, np.float32(0.1))
+    variance = np.maximum(square / share - (mean / share) ** 2, 0)
+    exact = np.where(mask, (grey - mean / share) / np.sqrt(variance + 0.1), 0)
+    np.testing.assert_allclose(found, exact, rtol=1e-4)
+
+
+def test_foerstner_weight_and_roundness_are_those_of_the_normal_matrix(rng):
+    slopes = rng.normal(size=(2, 3, 4, 20)).astype(np.float32)
+    xx, xy, yy = ((a * b).sum(axis=-1) for a, b in (slopes[[0, 0]], slopes, slopes[[1, 1]]))
+    w, q = kernels.foerstner(xx, xy, yy)
+    normal = np.moveaxis(np.array([[xx, xy], [xy, yy]]), (0, 1), (2, 3))
+    determinant, trace = np.linalg.det(normal), np.trace(normal, axis1=2, axis2=3)
+    np.testing.assert_allclose(w, determinant / trace, rtol=1e-4)
+    np.testing.assert_allclose(q, 4 * determinant / trace**2, rtol=1e-4)
