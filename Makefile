@@ -19,6 +19,8 @@ export PYTHONDONTWRITEBYTECODE =
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-compile
 # On all processors; pip compiles on one.
 COMPILE := $(BIN)/python -m compileall -q -j 0 $(VENV)/lib
+# Loops over pixels to machine code, once for all processes.
+COMPILE_KERNELS := $(BIN)/python -c "import solmap.photogrammetry.matching.kernels; from solmap.photogrammetry.compiled import compile_all; compile_all()"
 
 .PHONY: setup cluster develop viewer demo test test-all unit integration e2e test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
 
@@ -29,6 +31,7 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	$(PIP_INSTALL) --requirement requirements.lock
 	$(PIP_INSTALL) --editable .
 	$(COMPILE)
+	$(COMPILE_KERNELS)
 	touch $@
 
 cluster: $(VENV)/.cluster  ## Also what PostgreSQL, an object store and Dask need.

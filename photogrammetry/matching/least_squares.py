@@ -52,24 +52,17 @@ from solmap.photogrammetry.arrays import (
     Int32,
     PerPoint,
 )
+from solmap.photogrammetry.matching.kernels import fit_offsets, fit_parallax
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import (
     row_coefficients,
     row_slope,
-    sample_points,
-    sample_rows,
     spline_coefficients,
-    windows_at,
 )
 from solmap.photogrammetry.ranges import Few, OddPixels
 
-PARAMETERS = 5
-
 OFFSET_STEPS = 6
 """Gauss-Newton steps of a shift; three to five are usual."""
-
-CHUNK = 2048
-"""Windows processed together: bounds memory, and OpenCV samples no more than 32767 rows."""
 
 CORRELATION = 1.2
 """Ratio of the true to the formal sigma: cubic splines at random sub-pixel positions correlate the
@@ -141,117 +134,29 @@ class LeastSquaresMatcher:
     def use(self, params: LeastSquaresParams) -> None:
         """Use the window of other parameters."""
         self.params = params
-        half = params.window_px // 2
-        dy, dx = np.mgrid[-half : half + 1, -half : half + 1]
-        self.dx, self.dy = dx.ravel().astype(np.int32), dy.ravel().astype(np.int32)
 
     def refine(self, pixels: Int32[np.ndarray, "n 2"], parallax_px: PerPoint) -> RefinedParallax:
         """Parallax of left pixels with windows inside the image, from approximate values."""
-        if not len(pixels):
-            nothing = np.empty(0)
-            return RefinedParallax(nothing, nothing, nothing, np.empty((0, 2)), nothing > 0)
-        parts = [
-            self._refine_chunk(pixels[i : i + CHUNK], parallax_px[i : i + CHUNK])
-            for i in range(0, len(pixels), CHUNK)
-        ]
-        return RefinedParallax(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-    def _refine_chunk(
-        self, pixels: np.ndarray, start_px: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        x, y = pixels[:, 0, None] + self.dx, pixels[:, 1, None] + self.dy
-        left, slope = (
-            windows_at(image, pixels, self.params.window_px)
-            for image in (self.left, self.left_slope)
-        )
-        left, design = _centre(left), self._design(slope)
-        inverse = np.linalg.inv(np.einsum("nki,nkj->nij", design, design) + _regularisation(design))
-        geometry = np.zeros((len(pixels), 3))  # parallax, its slope along samples and along lines
-        geometry[:, 0] = start_px
-        fitted = np.zeros_like(left)
-        settled = np.zeros(len(pixels), dtype=bool)
-        moving = np.ones(len(pixels), dtype=bool)
-        for _ in range(self.params.steps):
-            fitted[moving] = self._right_windows(
-                x[moving], y[moving], geometry[moving], left[moving]
-            )
-            residual = left[moving] - fitted[moving]
-            step = np.einsum(
-                "nij,nkj,nk->ni", inverse[moving][:, :3], design[moving], residual, optimize=True
-            )
-            geometry[moving] += step
-            far = np.abs(geometry[:, 0] - start_px) > FURTHEST_PX
-            settled[moving] = np.abs(step[:, 0]) < SETTLED_PX
-            moving &= ~settled & ~far
-            if not moving.any():
-                break
-        else:
-            far = np.abs(geometry[:, 0] - start_px) > FURTHEST_PX
-        variance = ((left - fitted) ** 2).sum(axis=1) / (left.shape[1] - PARAMETERS)
-        sigma = CORRELATION * np.sqrt(variance * inverse[:, 0, 0])
-        energy = np.sqrt((left**2).sum(axis=1) * (fitted**2).sum(axis=1))
-        correlation = (left * fitted).sum(axis=1) / np.maximum(energy, 1e-12)
-        return geometry[:, 0], sigma, correlation, geometry[:, 1:], settled & ~far
-
-    def _design(self, slope: np.ndarray) -> np.ndarray:
-        """Derivatives of the residual by (p, a, b); the mean of each column is subtracted.
-
-        Moving the right window by dp changes the prediction by -R_x dp, and R_x is taken from the
-        left window. Subtracting the mean eliminates the brightness k0.
-        """
-        columns = -np.stack([slope, slope * self.dx, slope * self.dy], axis=2).astype(np.float64)
-        return columns - columns.mean(axis=1, keepdims=True)
-
-    def _right_windows(
-        self, x: np.ndarray, y: np.ndarray, geometry: np.ndarray, left: np.ndarray
-    ) -> np.ndarray:
-        """Right windows at the present parallax, brightness and contrast fitted to the left."""
-        p, a, b = geometry.T[:, :, None]
-        sample = (x - p - a * self.dx - b * self.dy).astype(np.float32)
-        right = _centre(sample_rows(self.right_coefficients, sample, y.astype(np.float32)))
-        energy = np.maximum((right**2).sum(axis=1, keepdims=True), 1e-12)
-        return right * ((left * right).sum(axis=1, keepdims=True) / energy)
-
-
-def _centre(windows: np.ndarray) -> np.ndarray:
-    windows = windows.astype(np.float64)
-    return windows - windows.mean(axis=1, keepdims=True)
-
-
-def _regularisation(design: np.ndarray) -> np.ndarray:
-    """Addition to the diagonal that gives a window without texture an inverse, and a huge sigma."""
-    scale = 1e-9 * np.einsum("nki,nki->n", design, design)[:, None, None] + 1e-12
-    return scale * np.eye(design.shape[2])
+        limits = (self.params.window_px // 2, self.params.steps, SETTLED_PX, FURTHEST_PX)
+        images = (self.left, self.left_slope, self.right_coefficients)
+        found = fit_parallax(*images, np.ascontiguousarray(pixels), parallax_px, limits)
+        p, a, b, variance, cofactor, correlation, settled = np.ascontiguousarray(found.T)
+        sigma = CORRELATION * np.sqrt(variance * cofactor)
+        return RefinedParallax(p, sigma, correlation, np.column_stack([a, b]), settled > 0)
 
 
 def match_offsets(
     images: EpipolarImages, pixels: np.ndarray, start: np.ndarray, window_px: int
 ) -> np.ndarray:
     """Shift of each left window in the right image, along samples and lines; NaN if not found."""
-    if not len(pixels):
-        return start
-    half = window_px // 2
-    dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
-    x, y = pixels[:, 0, None] + dx, pixels[:, 1, None] + dy
-    gy, gx = np.gradient(images.left)
-    left, along, down = (
-        _centre(windows_at(image, pixels, window_px)) for image in (images.left, gx, gy)
+    found = fit_offsets(
+        images.left,
+        spline_coefficients(images.right),
+        np.ascontiguousarray(pixels),
+        start,
+        (window_px // 2, OFFSET_STEPS),
     )
-    design = np.stack([along, down], axis=2)
-    normal = np.einsum("nki,nkj->nij", design, design) + 1e-6 * np.eye(2)
-    coefficients = spline_coefficients(images.right)
-    offset = start.copy()
-    step = np.full_like(start, np.inf)
-    for _ in range(OFFSET_STEPS):
-        place = (x + offset[:, 0, None], y + offset[:, 1, None])
-        right = _centre(sample_points(coefficients, *(p.astype(np.float32) for p in place)))
-        gain = (left * right).sum(axis=1) / np.maximum((right * right).sum(axis=1), 1e-12)
-        residual = left - gain[:, None] * right
-        step = np.linalg.solve(normal, np.einsum("nki,nk->ni", design, residual)[:, :, None])[
-            :, :, 0
-        ]
-        step = step.clip(-1, 1)
-        offset += step
+    offset, step = found[:, :2], found[:, 2:]
     lost = (np.abs(offset - start) > 2).any(axis=1) | (np.abs(step) > 0.05).any(axis=1)  # noqa: PLR2004
     return np.where(lost[:, None], np.nan, offset)
 

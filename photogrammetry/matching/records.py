@@ -46,6 +46,29 @@ class EpipolarImages:
                 raise MatchingError(f"the {name} of an epipolar pair of {size} is {shape}")
 
 
+@dataclass(frozen=True, slots=True)
+class SharedSigma:
+    """Standard deviation of the error common to all parallaxes of a pair.
+
+    It does not average out over pixels: hypot(offset, stretch x parallax).
+    """
+
+    offset_px: float = 0.0
+    """Change of parallax by a rotation of one camera about the vertical."""
+    stretch: float = 0.0
+    """Relative change of parallax by the length of the baseline."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DenseMatches:
+    """Parallax of every pixel that was matched, with its standard deviation."""
+
+    parallax_px: ParallaxMap
+    sigma_px: ParallaxMap
+    shared: SharedSigma | None = None
+    """The part of `sigma_px` common to all pixels; None where there is none."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchedPair:
     """A stereo pair with all its matches."""

@@ -10,41 +10,40 @@ halved until it is below `MAP_TOLERANCE_PX`. Grey values come from the cubic B-s
 pixels (Unser 1999), which, unlike cubic convolution or Lanczos kernels, does not bias sub-pixel
 positions.
 
-With the spline coefficients c of a row, c * (1, 4, 1)/6 = I, the value at x = i + f is a weighted
-mean of c[i-1] .. c[i+2]. Two of them at a time are fetched by one linear interpolation (Sigg &
-Hadwiger 2005),
-
-    I(x) = g0 c(i - 1 + w1/g0) + g1 c(i + 1 + w3/g1),     g0 = w0 + w1,  g1 = w2 + w3,
-
-which is as exact as the sum of four; in two directions four fetches replace sixteen. At a pixel the
-slope of the spline is (c[i+1] - c[i-1]) / 2. The coefficients come from the inverse of (1, 4, 1)/6,
-sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser 1999), which is truncated below single precision.
+Of the spline coefficients c of a row, c * (1, 4, 1)/6 = I, the slope at a pixel is
+(c[i+1] - c[i-1]) / 2; the values between pixels are in `kernels`. The coefficients come from the
+inverse of (1, 4, 1)/6, sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser 1999), which is truncated below
+single precision.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
-from solmap.photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Int32, Mask
+from solmap.photogrammetry.arrays import (
+    Bool,
+    Float32,
+    Float64,
+    GreyImage,
+    ImagePoints,
+    Int32,
+    Mask,
+)
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.kernels import evaluate_bicubic, sample_points
 from solmap.photogrammetry.matching.records import EpipolarImages
 
-SampleGrid = Float32[np.ndarray, "rows cols"]
 REACH = 14
 """Pixels beyond which z^|k| is below 1e-8."""
 _INVERSE = (np.sqrt(3) * (np.sqrt(3) - 2) ** np.abs(np.arange(-REACH, REACH + 1))).astype(
     np.float32
 )
-STRIP = 32_768
-"""Pixels sampled together, in whole rows, so that their data fit the processor's cache."""
 
 
 def spline_coefficients(image: GreyImage) -> GreyImage:
@@ -64,27 +63,6 @@ def row_slope(coefficients: GreyImage) -> GreyImage:
     return cv2.filter2D(coefficients, -1, np.array([[-0.5, 0.0, 0.5]], np.float32))
 
 
-def sample_rows(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
-    """Grey values at (x, y), where y holds whole rows."""
-    values = np.empty_like(x)
-    for part in _strips(x):
-        g, first, second = _fetch_places(x[part])
-        values[part] = _mix(g, *(_fetch(coefficients, u, y[part]) for u in (first, second)))
-    return values
-
-
-def sample_points(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
-    """Grey values at (x, y)."""
-    values = np.empty_like(x)
-    for part in _strips(x):
-        g_x, left, right = _fetch_places(x[part])
-        g_y, above, below = _fetch_places(y[part])
-        upper = _mix(g_x, *(_fetch(coefficients, u, above) for u in (left, right)))
-        lower = _mix(g_x, *(_fetch(coefficients, u, below) for u in (left, right)))
-        values[part] = _mix(g_y, upper, lower)
-    return values
-
-
 def windows_at(
     image: GreyImage, pixels: Int32[np.ndarray, "n 2"], window_px: int
 ) -> Float32[np.ndarray, "n k"]:
@@ -94,29 +72,6 @@ def windows_at(
     windows = sliding_window_view(image, (window_px, window_px))
     sample, line = (pixels - window_px // 2).T
     return windows[line, sample].reshape(len(pixels), window_px**2)
-
-
-def _strips(x: SampleGrid) -> Iterator[slice]:
-    rows = max(1, STRIP // max(1, x.shape[1]))
-    return (slice(row, row + rows) for row in range(0, len(x), rows))
-
-
-def _mix(share: SampleGrid, first: SampleGrid, second: SampleGrid) -> SampleGrid:
-    return second + share * (first - second)
-
-
-def _fetch_places(x: SampleGrid) -> tuple[SampleGrid, SampleGrid, SampleGrid]:
-    """Weight of the first of two fetches, and positions of both."""
-    i = np.floor(x)
-    f = x - i
-    rest, square = 1 - f, f * f
-    w0, w3 = rest * rest * rest / 6, square * f / 6
-    g0 = w0 + np.float32(2 / 3) - square + 3 * w3
-    return g0, i - w0 / g0, i + 1 + w3 / (1 - g0)
-
-
-def _fetch(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> SampleGrid:
-    return cv2.remap(coefficients, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
 
 
 MAP_TOLERANCE_PX = 0.01
@@ -131,7 +86,7 @@ COARSEST_STEP_PX = 32
 REACH_PX = 3
 """Distance in pixels beyond which a bad pixel affects its spline by less than 2 percent."""
 
-ImageMap = Float64[np.ndarray, "rows cols 2"]
+ImageMap = Float32[np.ndarray, "rows cols 2"]
 """(sample, line) in the original image of every epipolar pixel."""
 
 Source = tuple[Float32[np.ndarray, "_ _"], Bool[np.ndarray, "_ _"], CameraModel]
@@ -151,14 +106,15 @@ def resample(
     """
     _check_eye(camera, geometry, eye)
     source = original_points(camera, geometry)
-    u, v = (np.ascontiguousarray(source[:, :, k], dtype=np.float32) for k in (0, 1))
+    u, v = (np.ascontiguousarray(source[:, :, k]) for k in (0, 1))
     lines, samples = image.shape
     inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # NaN does not
     if not inside.all():
         u, v = (np.where(inside, w, np.float32(0)) for w in (u, v))
     usable = _warp_mask(mask, u, v) & inside
     grey = sample_points(spline_coefficients(_fill_bad_pixels(image, mask)), u, v)
-    return np.where(usable, grey, np.float32(0)), usable
+    grey[~usable] = 0
+    return grey, usable
 
 
 def epipolar_images(
@@ -198,7 +154,7 @@ def original_points(camera: CameraModel, geometry: EpipolarPair) -> ImageMap:
         step //= 2
     return _project(
         camera, geometry, np.arange(float(geometry.samples)), np.arange(float(geometry.lines))
-    )
+    ).astype(np.float32)
 
 
 def _nodes(size: int, step: int) -> Float64[np.ndarray, " n"]:
@@ -215,14 +171,25 @@ def _project(
 
 def _interpolate(
     coarse: np.ndarray, x: np.ndarray, y: np.ndarray, to_x: np.ndarray, to_y: np.ndarray
-) -> np.ndarray:
-    """Values of the bicubic spline through `coarse`; splines are linear in their data."""
-    by_x = make_interp_spline(x, np.eye(len(x)), k=3)(to_x)
-    by_y = make_interp_spline(y, np.eye(len(y)), k=3)(to_y)
-    planes = np.empty((2, len(to_y), len(to_x)))
-    for k, plane in enumerate(planes):
-        np.matmul(by_y @ coarse[:, :, k], by_x.T, out=plane)
-    return np.moveaxis(planes, 0, -1)  # each coordinate is used alone
+) -> ImageMap:
+    """Values of the bicubic spline through `coarse`."""
+    by_row = make_interp_spline(y, coarse, k=3)
+    by_column = make_interp_spline(x, by_row.c.swapaxes(0, 1), k=3)
+    across, down = _splines_at(to_x, by_column.t), _splines_at(to_y, by_row.t)
+    coefficients = np.ascontiguousarray(np.moveaxis(by_column.c, -1, 0).swapaxes(1, 2))
+    planes = np.empty((2, len(to_y), len(to_x)), np.float32)  # each coordinate is used alone
+    for plane, spline in zip(planes, coefficients, strict=True):
+        plane[:] = evaluate_bicubic(spline, *across, *down)
+    return np.moveaxis(planes, 0, -1)
+
+
+def _splines_at(
+    places: np.ndarray, knots: np.ndarray
+) -> tuple[Float64[np.ndarray, "n 4"], np.ndarray]:
+    """The four cubic B-splines that are not 0 at each place, and the index of their first."""
+    table = BSpline.design_matrix(places, knots, 3)
+    first = table.indices.reshape(-1, 4)[:, 0].astype(np.int64)
+    return table.data.reshape(-1, 4), first
 
 
 def _error_px(

@@ -14,7 +14,7 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches
+from solmap.photogrammetry.matching.records import DenseMatches
 from solmap.photogrammetry.matching.stereo.orientation import turn_in_place
 from solmap.photogrammetry.terrain.measure.oriented_image import (
     OrientedImage,

@@ -31,7 +31,7 @@ from solmap.photogrammetry.arrays import Float32, Mask, ObjectPoints
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches
+from solmap.photogrammetry.matching.records import DenseMatches
 from solmap.products.export.pds4 import pds4_label
 from solmap.products.store.provenance import SOFTWARE
 

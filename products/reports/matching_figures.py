@@ -38,8 +38,7 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     band_pass,
     place_on,
 )
-from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, Ties
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches
+from solmap.photogrammetry.matching.records import DenseMatches, EpipolarImages, MatchedPair, Ties
 from solmap.photogrammetry.matching.stereo.sparse import Candidates
 from solmap.photogrammetry.matching.stereo.verification import (
     VerificationParams,

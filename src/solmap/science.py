@@ -50,9 +50,15 @@ from solmap.photogrammetry.matching.inter_stereo import (
     point_pairs,
     tie_inter_stereo,
 )
-from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop, Ties
+from solmap.photogrammetry.matching.records import (
+    DenseMatches,
+    EpipolarImages,
+    MatchedPair,
+    MatchedStop,
+    Ties,
+)
 from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches, match_densely
+from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.photogrammetry.synthetic.downlink import RenderJob, render_jobs, simulate_downlink

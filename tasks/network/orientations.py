@@ -25,8 +25,8 @@ from solmap.photogrammetry.arrays import ParallaxMap
 from solmap.photogrammetry.frames import LSL, Frame, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.height_bias import NO_BIAS, HeightBias
+from solmap.photogrammetry.matching.records import SharedSigma
 from solmap.photogrammetry.matching.resampling import resample
-from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
 from solmap.photogrammetry.terrain.dtm.rover_body import mask_rover
 from solmap.photogrammetry.threads import in_threads

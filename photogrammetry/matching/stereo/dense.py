@@ -30,18 +30,23 @@ divided by w^2 of about a tenth (`UNSETTLED`), is added to sigma^2.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap
-from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.arrays import Float32, GreyImage, Mask, ParallaxMap
+from solmap.photogrammetry.matching.kernels import (
+    least_squares_step,
+    parallax_residual,
+    smooth_surfaces,
+    window_sums,
+    window_variance,
+)
+from solmap.photogrammetry.matching.records import DenseMatches, EpipolarImages
 from solmap.photogrammetry.matching.resampling import (
     row_coefficients,
     row_slope,
-    sample_rows,
     shift_rows,
 )
 from solmap.photogrammetry.matching.stereo.semi_global import (
@@ -64,8 +69,6 @@ from solmap.photogrammetry.ranges import (
     Share,
     WholeParallax,
 )
-
-Filter = Callable[[GreyImage], GreyImage]
 
 WINDOW_NOISE = 0.67
 """Variance of a step over s0^2/E: 0.46, because a box applied twice has weights whose squares sum
@@ -92,13 +95,8 @@ SQUEEZE = 0.5
 area and are as foreshortened as the ground."""
 
 
-FAR_EDGE = 0.7
-"""Fraction of `edge_px` used there: crests are lower than a pixel, and below this fraction noise
-causes edges (worlds with known truth)."""
-
-
-REACH_LINES = 8
-"""Rows used by smoothing to either side; OpenCV uses one and a half standard deviations."""
+REACH_SIGMAS = 1.5
+"""Radius of the discs of smoothing, in standard deviations of their weights."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +111,9 @@ class RefinementParams:
     smoothing_px: PixelsOrZero = 2.0
     """Standard deviation in space of the smoothing that removes pixel locking, which recurs with
     every pixel of parallax: on level ground, about every seven rows of a Navcam image."""
-    edge_px: Pixels = 1.0
-    """Standard deviation in parallax of that smoothing: larger differences are another surface.
-    Less on far ground (`FAR_EDGE`)."""
+    edge_px: Pixels = 2.5
+    """Difference in parallax at which that smoothing ends: larger ones are another surface. The
+    weight decreases linearly to it."""
     largest_sigma_px: Pixels = 1.0
     """Largest standard deviation that is kept."""
     least_correlation: Share = 0.3
@@ -143,29 +141,6 @@ class DenseParams:
     """Parallax of infinity minus the effect of a rig error of 0.1 degrees."""
     semi_global: SemiGlobalParams = field(default_factory=SemiGlobalParams)
     refinement: RefinementParams = field(default_factory=RefinementParams)
-
-
-@dataclass(frozen=True, slots=True)
-class SharedSigma:
-    """Standard deviation of the error common to all parallaxes of a pair.
-
-    It does not average out over pixels: hypot(offset, stretch x parallax).
-    """
-
-    offset_px: float = 0.0
-    """Change of parallax by a rotation of one camera about the vertical."""
-    stretch: float = 0.0
-    """Relative change of parallax by the length of the baseline."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DenseMatches:
-    """Parallax of every pixel that was matched, with its standard deviation."""
-
-    parallax_px: ParallaxMap
-    sigma_px: ParallaxMap
-    shared: SharedSigma | None = None
-    """The part of `sigma_px` common to all pixels; None where there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,16 +228,15 @@ class PixelwiseMatcher:
         self.right_coefficients = row_coefficients(right.grey)
         self.params = params
         self.far_lines = far_lines
-        grid = np.indices(left.grey.shape, dtype=np.float32)
-        self.lines, self.samples = grid[0], grid[1]
+        self.ones = np.ones_like(left.grey)
 
     def refine(self, rough: ParallaxMap) -> tuple[ParallaxMap, ParallaxMap]:
         """Refined parallax where reliable, and its standard deviation."""
         windows = self._windows(np.isfinite(rough))
         parallax = self.smooth(rough)
         for _ in range(self.params.steps - 1):
-            parallax = self.smooth(parallax + self._step(windows, self._residual(parallax)))
-        parallax = parallax + self._step(windows, self._residual(parallax))
+            parallax = self.smooth(self._move(windows, parallax))
+        parallax = self._move(windows, parallax)
         fit = self._fit(windows, parallax)
         good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
@@ -272,26 +246,16 @@ class PixelwiseMatcher:
 
     def smooth(self, parallax: ParallaxMap) -> ParallaxMap:
         """Parallax smoothed within surfaces: a bilateral filter that ignores gaps."""
-        known = np.isfinite(parallax)
-        filled = np.where(known, parallax, np.float32(-1e4))
-        out = _far_and_near(filled, self.far_lines, REACH_LINES, *self._smoothing())
-        return np.where(known, out, np.float32(np.nan))
-
-    def _smoothing(self) -> tuple[Filter, Filter]:
-        """The bilateral filters of far ground and of the rest."""
-
-        def keeping(edge_px: float) -> Filter:
-            return lambda rows: cv2.bilateralFilter(rows, -1, edge_px, self.params.smoothing_px)
-
-        return keeping(FAR_EDGE * self.params.edge_px), keeping(self.params.edge_px)
+        sigma_px, edge_px = self.params.smoothing_px, self.params.edge_px
+        radius = round(REACH_SIGMAS * sigma_px)
+        return smooth_surfaces(parallax, np.float32(sigma_px), np.float32(edge_px), radius)
 
     def _fit(self, windows: Windows, parallax: ParallaxMap) -> Fit:
         """Agreement of the images under a parallax."""
         residual = self._residual(parallax)
-        total = self._window_sum(residual)
-        variance = self._window_sum(residual * residual) - total * total / windows.count
-        variance = np.maximum(variance, 0) / windows.count
-        step = self._step(windows, residual)
+        total = self._window_sum(residual, self.ones)
+        variance = window_variance(self._window_sum(residual, residual), total, windows.count)
+        step = self._step(windows, residual, total)
         noise = np.float32(WINDOW_NOISE) * variance / windows.energy
         unsettled = np.float32(UNSETTLED) * self._mean_square(step, windows.known)
         return Fit(
@@ -301,40 +265,38 @@ class PixelwiseMatcher:
 
     def _windows(self, known: Mask) -> Windows:
         """Sums that do not depend on the parallax, only on where there is one."""
-        slope = np.where(known, self.slope, np.float32(0))
-        count = np.maximum(self._window_sum(known.astype(np.float32)), np.float32(1e-3))
-        total = self._window_sum(slope)
-        energy = np.maximum(self._window_sum(slope * slope) - total * total / count, TINY)
-        return Windows(known, slope, count, total, energy)
+        one, slope = known.astype(np.float32), np.where(known, self.slope, np.float32(0))
+        count = np.maximum(self._window_sum(one, one), np.float32(1e-3))
+        total = self._window_sum(slope, one)
+        variance = window_variance(self._window_sum(slope, slope), total, count)
+        return Windows(known, slope, count, total, np.maximum(count * variance, TINY))
 
-    def _step(self, windows: Windows, residual: GreyImage) -> ParallaxMap:
-        """The least-squares correction."""
-        both = self._window_sum(windows.slope * residual)
-        step = both - windows.slopes * self._window_sum(residual) / windows.count
-        return np.clip(step / windows.energy, -1, 1)
+    def _step(self, windows: Windows, residual: GreyImage, total: GreyImage) -> ParallaxMap:
+        """The least-squares correction; `total` is the sum of the residuals."""
+        products = self._window_sum(windows.slope, residual)
+        return least_squares_step(products, total, windows.slopes, windows.count, windows.energy)
+
+    def _move(self, windows: Windows, parallax: ParallaxMap) -> ParallaxMap:
+        """The parallax after one correction."""
+        residual = self._residual(parallax)
+        return parallax + self._step(windows, residual, self._window_sum(residual, self.ones))
 
     def _residual(self, parallax: ParallaxMap) -> GreyImage:
         """The right image less the left one under a parallax; 0 where there is none."""
-        known = np.isfinite(parallax)
-        sample = self.samples - np.where(known, parallax, np.float32(0))
-        right = sample_rows(self.right_coefficients, sample, self.lines)
-        return np.where(known, right - self.left, np.float32(0))
+        return parallax_residual(self.right_coefficients, self.left, parallax)
 
     def _contrast(self, windows: Windows) -> GreyImage:
         """Variance of the left image in the window, where there is parallax."""
         grey = np.where(windows.known, self.left, np.float32(0))
-        total, squares = self._window_sum(grey), self._window_sum(grey * grey)
-        return np.maximum(squares - total * total / windows.count, 0) / windows.count
+        squares = self._window_sum(grey, grey)
+        return window_variance(squares, self._window_sum(grey, self.ones), windows.count)
 
-    def _window_sum(self, values: GreyImage) -> GreyImage:
-        """Sums over the windows about all pixels."""
+    def _window_sum(self, a: GreyImage, b: GreyImage) -> GreyImage:
+        """Sums of a b over the windows about all pixels."""
         side = self.params.box_px
         low, wide = int(side * SQUEEZE) | 1, int(side / SQUEEZE) - 1 | 1
-
-        def over(width: int, height: int) -> Filter:
-            return lambda rows: _sum_twice(rows, (width, height))
-
-        return _far_and_near(values, self.far_lines, 2 * side, over(wide, low), over(side, side))
+        far, near = (_twice(wide), _twice(low)), (_twice(side), _twice(side))
+        return window_sums(a, b, far, near, self.far_lines)
 
     def _mean_square(self, values: GreyImage, known: Mask) -> GreyImage:
         """Mean square over the surroundings, of the pixels with a parallax."""
@@ -344,19 +306,6 @@ class PixelwiseMatcher:
         return np.maximum(total, 0) / share  # running sums may round below zero
 
 
-def _sum_twice(values: GreyImage, box: tuple[int, int]) -> GreyImage:
-    """Sum over a box applied twice, the weight of the middle being 1."""
-    once = cv2.blur(values, box, borderType=cv2.BORDER_CONSTANT)
-    return cv2.blur(once, box, borderType=cv2.BORDER_CONSTANT) * np.float32(box[0] * box[1])
-
-
-def _far_and_near(
-    values: GreyImage, far_lines: int, reach: int, far: Filter, near: Filter
-) -> GreyImage:
-    """Results of one filter for far rows and another for near ones, without mixing them."""
-    out = np.empty_like(values)
-    for start, stop, filtered in ((0, far_lines, far), (far_lines, len(values), near)):
-        if stop > start:
-            first = max(0, start - reach)
-            out[start:stop] = filtered(values[first : stop + reach])[start - first : stop - first]
-    return out
+def _twice(width: int) -> Float32[np.ndarray, " n"]:
+    """Weights of a box applied twice, from the middle outwards, that of the middle being 1."""
+    return np.arange(width, 0, -1, dtype=np.float32) / np.float32(width)

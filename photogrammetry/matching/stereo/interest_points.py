@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import GreyImage, ImagePoints, Int32, Mask, PerPoint
+from solmap.photogrammetry.matching.kernels import foerstner
 from solmap.photogrammetry.ranges import Count, FactorOrZero, OddPixels, Share, WholePixels
 
 WINDOW_SIGMAS = 4.0
@@ -63,9 +64,7 @@ def interest_points(
     """Interest points whose surroundings of `margin_px` are usable."""
     gx, gy = _gradient(image)
     xx, xy, yy = (_window_sum(a * b, params.window_px) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
-    trace, determinant = xx + yy, xx * yy - xy * xy
-    safe = np.maximum(trace, np.float32(1e-12))
-    w, q = determinant / safe, 4 * determinant / (safe * safe)
+    w, q = foerstner(xx, xy, yy)
     usable = _usable_with_margin(mask, max(margin_px, params.window_px // 2 + 1))
     if not usable.any():
         return InterestPoints(np.empty((0, 2), np.int32), np.empty(0))

@@ -42,8 +42,7 @@ from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Frame, Pose
 from solmap.photogrammetry.matching.least_squares import match_offsets
-from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.photogrammetry.matching.stereo.dense import SharedSigma
+from solmap.photogrammetry.matching.records import EpipolarImages, SharedSigma
 from solmap.photogrammetry.matching.stereo.interest_points import (
     InterestPoints,
     strongest_by_cell,

@@ -34,6 +34,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import EightBits, GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.matching.kernels import fixed_point, local_contrast, mutual_parallax
 from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_robust_plane
 from solmap.photogrammetry.ranges import CountOrZero, OddPixels, Percent, Pixels, PixelsOrZero
 
@@ -158,11 +159,9 @@ def normalise_locally(image: GreyImage, mask: Mask, window_px: int) -> Normalise
     share = np.maximum(cv2.blur(mask.astype(np.float32), size), np.float32(1e-6))
     centre = float(image[mask].mean()) if mask.any() else 0.0
     grey = np.where(mask, image - np.float32(centre), np.float32(0))
-    mean = cv2.blur(grey, size) / share
-    variance = np.maximum(cv2.blur(grey * grey, size) / share - mean * mean, 0)
-    spread = np.sqrt(variance + np.float32((NOISE_FLOOR * noise) ** 2 + 1e-12))
-    normalised = np.where(mask, (grey - mean) / spread, np.float32(0))
-    return NormalisedImage(normalised, mask)
+    floor = np.float32((NOISE_FLOOR * noise) ** 2 + 1e-12)
+    means = (cv2.blur(grey, size), cv2.blur(grey * grey, size))
+    return NormalisedImage(local_contrast(grey, *means, share, mask, floor), mask)
 
 
 def to_eight_bit(normalised: GreyImage) -> EightBits:
@@ -182,15 +181,14 @@ def match_both_ways(
     back = _match(left=right[:, ::-1], right=left[:, ::-1], search=search, params=params)[:, ::-1]
     forth = np.where(masks[0], forth, np.float32(np.nan))
     back = np.where(masks[1], back, np.float32(np.nan))
-    agrees = np.abs(forth - _parallax_at_partner(back, forth)) <= params.agreement_px
-    return remove_speckle(np.where(agrees, forth, np.float32(np.nan)), params)
+    agreeing = mutual_parallax(forth, back, np.float32(params.agreement_px))
+    return remove_speckle(agreeing, params)
 
 
 def remove_speckle(parallax: ParallaxMap, params: SemiGlobalParams) -> ParallaxMap:
     """The parallaxes that belong to surfaces of some size."""
     gap = -32_000
-    scaled = np.where(np.isfinite(parallax), parallax * FIXED_POINT, gap)
-    fixed = np.ascontiguousarray(np.rint(scaled).clip(gap, 32_000).astype(np.int16))
+    fixed = fixed_point(parallax, np.float32(FIXED_POINT), gap)
     cv2.filterSpeckles(
         fixed, gap, params.smallest_surface_px, round(params.surface_step_px * FIXED_POINT)
     )
@@ -225,16 +223,6 @@ def _match(
     fixed = matcher.compute(*padded)[:, before : before + left.shape[1]]
     found = fixed >= least * FIXED_POINT
     return np.where(found, fixed.astype(np.float32) / FIXED_POINT, np.float32(np.nan))
-
-
-def _parallax_at_partner(back: ParallaxMap, forth: ParallaxMap) -> ParallaxMap:
-    """The right image's parallax at the conjugate of each left pixel; NaN outside."""
-    samples = forth.shape[1]
-    sample = np.arange(samples) - np.where(np.isfinite(forth), forth, 1e6)
-    nearest = np.rint(sample).astype(np.int64)
-    inside = (nearest >= 0) & (nearest < samples)
-    found = np.take_along_axis(back, nearest.clip(0, samples - 1), axis=1)
-    return np.where(inside, found, np.float32(np.nan))
 
 
 def _reduced_parallax(

@@ -37,6 +37,7 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.imagery import StereoMatches
+from solmap.photogrammetry.matching.kernels import correlate
 from solmap.photogrammetry.matching.least_squares import (
     LeastSquaresMatcher,
     LeastSquaresParams,
@@ -65,10 +66,6 @@ from solmap.photogrammetry.ranges import (
     WholePixels,
 )
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
-
-PAIRS_AT_A_TIME = 512
-"""Candidate pairs correlated together: 15 x 15 windows of both take 1 MB, which fits a
-processor's cache."""
 
 BELOW_HALF = 2.0
 """Ratio of the relief below the whole window to that between the half and the whole one, H =
@@ -162,10 +159,11 @@ def match_interest_points(
     """
     left, right = points or points_of_pair(images, params)
     a, b = _pairs_on_a_line(left, right, images.geometry, params)
-    correlation = _correlations(
+    correlation = correlate(
         _windows(images.left, left.pixels, params.window_px),
         _windows(images.right, right.pixels, params.window_px),
-        (a, b),
+        a,
+        b,
     )
     best = _mutual_best(a, b, correlation, params.least_correlation)
     from_left, from_right = left.pixels[a[best]], right.pixels[b[best]]
@@ -240,18 +238,6 @@ def _windows(
     length = np.sqrt(np.einsum("nk,nk->n", windows, windows))[:, None]
     windows /= np.maximum(length, np.float32(1e-6))
     return windows
-
-
-def _correlations(
-    left: Float32[np.ndarray, "n k"],
-    right: Float32[np.ndarray, "m k"],
-    pairs: tuple[np.ndarray, np.ndarray],
-) -> Float32[np.ndarray, " p"]:
-    out = np.empty(len(pairs[0]), np.float32)
-    for start in range(0, len(out), PAIRS_AT_A_TIME):
-        part = slice(start, start + PAIRS_AT_A_TIME)
-        out[part] = np.einsum("pk,pk->p", left[pairs[0][part]], right[pairs[1][part]])
-    return out
 
 
 def _mutual_best(a: np.ndarray, b: np.ndarray, correlation: np.ndarray, least: float) -> np.ndarray:

@@ -19,7 +19,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint
+from solmap.photogrammetry.arrays import Flags, ImagePoints, PerPoint
+from solmap.photogrammetry.matching.kernels import fit_planes
 from solmap.photogrammetry.ranges import Factor, FactorOrZero, Few, Pixels, PixelsOrZero
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
@@ -94,30 +95,8 @@ def _agrees_with_neighbours(
         return np.ones(len(points), dtype=bool)
     _, nearest = KDTree(points).query(points, k=NEIGHBOURS + 1)
     around = parallax_px[nearest[:, 1:]]
-    at, residual = _plane_at_the_middle(points[nearest[:, 1:]] - points[:, None], around)
-    spread = MAD_TO_SIGMA * np.median(np.abs(residual), axis=1)
+    offsets = points[nearest[:, 1:]] - points[:, None]
+    planes = fit_planes(offsets, around, LEAST_DEVIATION_PX, PLANE_STEPS)
+    spread = MAD_TO_SIGMA * np.median(np.abs(planes[:, 1:]), axis=1)
     limit = params.spread * np.maximum(spread, params.least_spread_px)
-    return np.abs(parallax_px - at) <= limit
-
-
-def _plane_at_the_middle(
-    offset: Float64[np.ndarray, "n k 2"], parallax_px: Float64[np.ndarray, "n k"]
-) -> tuple[PerPoint, Float64[np.ndarray, "n k"]]:
-    """Value at offset zero of planes of least absolute deviations, and their residuals.
-
-    A small regularisation keeps the plane of neighbours on one line level across it.
-    """
-    scale = np.abs(offset).mean(axis=(1, 2), keepdims=True) + 1e-9
-    design = np.concatenate([np.ones((*offset.shape[:2], 1)), offset / scale], axis=2)
-    stiffness = np.diag([0.0, 0.05, 0.05])
-    residual = parallax_px - np.median(parallax_px, axis=1, keepdims=True)
-    at = np.zeros(len(offset))
-    for _ in range(PLANE_STEPS):
-        weight = 1.0 / np.maximum(np.abs(residual), LEAST_DEVIATION_PX)
-        weight /= weight.sum(axis=1, keepdims=True)
-        normal = np.einsum("nki,nk,nkj->nij", design, weight, design) + stiffness
-        right = np.einsum("nki,nk->ni", design, weight * parallax_px)
-        plane = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-        residual = parallax_px - np.einsum("nki,ni->nk", design, plane)
-        at = plane[:, 0]
-    return at, residual
+    return np.abs(parallax_px - planes[:, 0]) <= limit

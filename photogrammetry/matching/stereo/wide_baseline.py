@@ -39,13 +39,9 @@ from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.least_squares import match_offsets
-from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.records import DenseMatches, EpipolarImages
 from solmap.photogrammetry.matching.resampling import resample, shift_rows
-from solmap.photogrammetry.matching.stereo.dense import (
-    DenseMatches,
-    DenseParams,
-    match_about,
-)
+from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_about
 from solmap.photogrammetry.matching.stereo.interest_points import (
     FoerstnerParams,
     interest_points,

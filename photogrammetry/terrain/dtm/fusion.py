@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, Raster
-from solmap.photogrammetry.matching.stereo.dense import SharedSigma
+from solmap.photogrammetry.matching.records import SharedSigma
 from solmap.photogrammetry.planes import Gradients
 from solmap.photogrammetry.ranges import FactorOrZero, Pixels
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid

@@ -20,7 +20,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.height_bias import NO_BIAS, HeightBias
-from solmap.photogrammetry.matching.stereo.dense import SharedSigma
+from solmap.photogrammetry.matching.records import SharedSigma
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 
 PoseCovariance = Float64[np.ndarray, "6 6"]

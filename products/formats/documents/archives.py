@@ -28,8 +28,7 @@ from solmap.photogrammetry.arrays import ParallaxMap
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StereoMatches
-from solmap.photogrammetry.matching.records import Ties
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches, SharedSigma
+from solmap.photogrammetry.matching.records import DenseMatches, SharedSigma, Ties
 from solmap.products.errors import ProductError
 
 _STEP_PX = 1.0 / 128.0

@@ -11,9 +11,7 @@ from solmap.photogrammetry.matching.resampling import (
     epipolar_images,
     original_points,
     resample,
-    row_coefficients,
     sample_points,
-    sample_rows,
     spline_coefficients,
 )
 
@@ -161,12 +159,3 @@ def test_values_between_pixels_equal_the_cubic_spline_up_to_the_border(image, pl
 def test_values_at_pixels_are_the_pixels(image):
     y, x = np.indices(image.shape, dtype=np.float32)
     np.testing.assert_allclose(sample_points(spline_coefficients(image), x, y), image, atol=5e-6)
-
-
-def test_values_along_rows_equal_those_of_each_row_alone(image, places):
-    x = places[0]
-    y = np.repeat(np.arange(len(x), dtype=np.float32)[:, None], x.shape[1], axis=1)
-    found = sample_rows(row_coefficients(image), x, y)
-    for row in (0, 33, 69):
-        exact = ndimage.map_coordinates(image[row].astype(float), [x[row]], order=3, mode="mirror")
-        np.testing.assert_allclose(found[row], exact, atol=5e-5)

@@ -27,7 +27,7 @@ from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches, TieKind, TiePoints
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches
+from solmap.photogrammetry.matching.records import DenseMatches
 from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import Stop, TraverseParams

@@ -21,7 +21,7 @@ from solmap.photogrammetry.frames import (
     rover_frame,
 )
 from solmap.photogrammetry.imagery import StereoMatches
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches, SharedSigma
+from solmap.photogrammetry.matching.records import DenseMatches, SharedSigma
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import (
     finite,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.height_bias import HeightBias
-from solmap.photogrammetry.matching.stereo.dense import SharedSigma
+from solmap.photogrammetry.matching.records import SharedSigma
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams, build_dtm
