@@ -25,9 +25,11 @@ ARRAYS = {
     "mask": ("boolean", 2),
     "row": ("float32", 1),
     "pixels": ("int32", 2),
+    "planes": ("float32", 3),
     "points": ("float64", 2),
     "windows": ("float64", 3),
     "per_point": ("float64", 1),
+    "numbers": ("int32", 1),
     "indices": ("int64", 1),
 }
 """Contiguous arrays, which may be read only: types of their elements, and dimensions."""

@@ -10,15 +10,14 @@ step distinguishes them. The relative standard deviation along the view is
 which limits the range of a view. Coordinates are (east, north, up) in metres from the camera, in
 single precision: a hundredth of a millimetre at a hundred metres.
 
-Four neighbouring pixels form a quad. A quad is measured ground when none of its sides has a larger
-step of parallax than continuous ground or is longer than a set gap. Farther away the quads grow
-larger than the cells of the map; samples inside them, bilinear between the corners, give the cells
-that they cover and their heights.
+Four neighbouring pixels form a square. A square is measured ground when none of its sides has a
+larger step of parallax than continuous ground or is longer than a set gap. Farther away the squares
+grow larger than the cells of the map; samples inside them, bilinear between the corners, give the
+cells that they cover and their heights.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -27,6 +26,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64, Mask, ParallaxMap, Vector3
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.ranges import Metres, Pixels, ShareAboveZero
+from solmap.photogrammetry.terrain.dtm.kernels import continuous_squares, points_of_pixels
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
 PixelPoints = Float32[np.ndarray, "3 lines samples"]
@@ -40,10 +40,6 @@ SUBPIXEL = 16
 
 MIN_REGION_PX = 100
 """Smallest connected patch of parallax: two matching windows of 7 x 7 side by side."""
-Samples3 = Float32[np.ndarray, "3 n"]
-"""East, north and up of samples of the surface, metres from the camera."""
-SAMPLES_AT_ONCE = 2_000_000
-"""Mesh samples held at one time: some tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,130 +116,14 @@ def ground_points(view: TerrainView, parallax: ParallaxMap, params: SightParams)
     rotation = map_from_pair_rotation(view.lsl_from_pair)
     across = (np.arange(parallax.shape[1]) - geometry.centre_px[0]) / geometry.focal_px
     down = (np.arange(parallax.shape[0]) - geometry.centre_px[1]) / geometry.focal_px
-    depth = np.float32(geometry.focal_px * geometry.base_m) / parallax
-    planes = np.empty((3, *parallax.shape), dtype=np.float32)
-    for axis, (right, below, forward) in enumerate(rotation):
-        ray = (right * across[None, :] + below * down[:, None] + forward).astype(np.float32)
-        np.multiply(ray, depth, out=planes[axis])
-    np.copyto(planes, np.float32(np.nan), where=np.hypot(planes[0], planes[1]) > params.radius_m)
-    return planes
+    focal_base = np.float32(geometry.focal_px * geometry.base_m)
+    radius_m = np.float32(params.radius_m)
+    return points_of_pixels(parallax, rotation, across, down, focal_base, radius_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Quads:
-    """Quads of continuous ground."""
-
-    corner: np.ndarray
-    """Their first corners: line and sample of the image."""
-    lines_m: Float32[np.ndarray, " n"]
-    """Distance on the map between their lines."""
-    samples_m: Float32[np.ndarray, " n"]
-    """Distance on the map between their samples."""
-
-    def __len__(self) -> int:
-        return len(self.corner)
-
-
-def continuous_quads(
-    planes: PixelPoints, parallax: ParallaxMap, step_px: float, gap_m: float
-) -> Quads:
-    """Quads whose sides all have steps of at most `step_px` of parallax and `gap_m` on the map."""
-    with np.errstate(invalid="ignore"):
-        down_step = np.abs(np.diff(parallax, axis=0)) <= step_px
-        across_step = np.abs(np.diff(parallax, axis=1)) <= step_px
-        down_m2, across_m2 = (_squared_steps(planes, axis) for axis in (0, 1))
-        down_step &= down_m2 <= np.float32(gap_m**2)
-        across_step &= across_m2 <= np.float32(gap_m**2)
-    whole = down_step[:, :-1] & down_step[:, 1:] & across_step[:-1] & across_step[1:]
-    row, col = np.nonzero(whole)
-    return Quads(
-        corner=row * parallax.shape[1] + col,
-        lines_m=np.sqrt(np.maximum(down_m2[row, col], down_m2[row, col + 1])),
-        samples_m=np.sqrt(np.maximum(across_m2[row, col], across_m2[row + 1, col])),
-    )
-
-
-def _squared_steps(planes: PixelPoints, axis: int) -> np.ndarray:
-    """Squared distance on the map between neighbouring pixels along an axis of the image."""
-    east, north = (np.diff(plane, axis=axis) for plane in planes[:2])
-    return east * east + north * north
-
-
-def quad_corners(quads: Quads, shape: tuple[int, int]) -> Mask:
-    """Pixels that are a corner of some quad: those connected with others."""
-    corner = np.zeros(shape[0] * shape[1], dtype=np.bool_)
-    for shift in (0, 1, shape[1], shape[1] + 1):
-        corner[quads.corner + shift] = True
-    return corner.reshape(shape)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshSamples:
-    """Samples between the pixels of a mesh."""
-
-    points: Samples3
-    sag_m: Float32[np.ndarray, " n"]
-    """Length over which the ground between may deviate: L t (1 - t), L the spacing of the lines and
-    t the position between them."""
-
-
-def mesh_samples(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
-    """Samples that cover the quads wider than `spacing_m`, piece by piece.
-
-    A quad is divided into as many parts as its sides need.
-    """
-    held: list[MeshSamples] = []
-    count = 0
-    for piece in _divide_quads(planes, quads, spacing_m):
-        held.append(piece)
-        count += len(piece.sag_m)
-        if count > SAMPLES_AT_ONCE:
-            yield _concatenate(held)
-            held, count = [], 0
-    if held:
-        yield _concatenate(held)
-
-
-def _concatenate(pieces: list[MeshSamples]) -> MeshSamples:
-    return MeshSamples(
-        np.concatenate([one.points for one in pieces], axis=1),
-        np.concatenate([one.sag_m for one in pieces]),
-    )
-
-
-def _divide_quads(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
-    """Samples of the quads, grouped by equal division."""
-    down = np.ceil(np.maximum(1, quads.lines_m / spacing_m)).astype(np.int64)
-    across = np.ceil(np.maximum(1, quads.samples_m / spacing_m)).astype(np.int64)
-    wide = np.flatnonzero(down * across > 1)  # elsewhere the pixels are close enough
-    code = down[wide] * (int(across.max(initial=1)) + 1) + across[wide]
-    order = wide[np.argsort(code, kind="stable")]
-    _, starts = np.unique(np.sort(code), return_index=True)
-    flat = planes.reshape(3, -1)
-    for group in np.split(order, starts[1:]) if len(order) else ():
-        parts = (int(down[group[0]]), int(across[group[0]]))
-        piece = max(1, SAMPLES_AT_ONCE // (parts[0] * parts[1]))
-        for first in range(0, len(group), piece):
-            chosen = group[first : first + piece]
-            corner, lines_m = quads.corner[chosen], quads.lines_m[chosen]
-            yield _divide_group(flat, corner, lines_m, planes.shape[2], parts)
-
-
-def _divide_group(
-    flat: np.ndarray, corner: np.ndarray, lines_m: np.ndarray, width: int, parts: tuple[int, int]
-) -> MeshSamples:
-    """Bilinear samples at the middles of `parts` (down, across) of quads."""
-    t, s = ((np.arange(n, dtype=np.float32) + np.float32(0.5)) / np.float32(n) for n in parts)
-    upper, lower = (
-        _interpolate(flat[:, None, corner + shift], flat[:, None, corner + shift + 1], s[:, None])
-        for shift in (0, width)
-    )
-    points = _interpolate(upper[:, None], lower[:, None], t[:, None, None])
-    points = np.moveaxis(points, -1, 1)  # computed with the quads last: parts are often two
-    bow = np.repeat(t * (1 - t), parts[1])
-    return MeshSamples(points.reshape(3, -1), (lines_m[:, None] * bow).ravel())
-
-
-def _interpolate(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Points at these fractions of the distance from one to the other."""
-    return one + share * (other - one)
+def continuous_ground(
+    planes: PixelPoints, parallax: ParallaxMap, view: TerrainView, params: SightParams
+) -> Mask:
+    """Squares of continuous ground, by their upper left pixels."""
+    step_px = np.float32(largest_step_px(view.geometry.base_m, params))
+    return continuous_squares(planes, parallax, step_px, np.float32(params.max_gap_m))

@@ -39,6 +39,7 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     map_from_pair_rotation,
     reach_m,
 )
+from solmap.photogrammetry.terrain.dtm.kernels import hidden_along
 from solmap.photogrammetry.terrain.dtm.records import GroundClass, TerrainView
 
 LINES = 1.0
@@ -241,15 +242,15 @@ class _Profiles:
         """Sample the profiles of a camera and find what it cannot see."""
         view, params = of_view
         height = fan.read(elevation, grid) - np.float32(fan.eye[2])
-        known = np.isfinite(height)
-        before, after = _last_known(height, known), _last_known(height[::-1], known[::-1])[::-1]
-        supposed = np.where(known, height, np.fmin(before, after))
-        tangent = np.where(known, height / fan.distance_m, np.float32(-np.inf))
-        highest = np.maximum.accumulate(tangent, axis=0)
-        line = np.float32(LINES / view.geometry.focal_px)
-        below = supposed / fan.distance_m < highest - line
-        passing_m = _passing_below(highest, fan.distance_m, beyond, line)
-        return cls(fan, supposed, ~known & (below | (passing_m < params.min_height_m)))
+        supposed, hidden = hidden_along(
+            height,
+            fan.distance_m[:, 0],
+            beyond.tangent,
+            beyond.nearness,
+            np.float32(LINES / view.geometry.focal_px),
+            np.float32(params.min_height_m),
+        )
+        return cls(fan, supposed, hidden)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -282,36 +283,6 @@ def _far_ground(view: TerrainView, fan: _Fan, params: SightParams) -> _Beyond:
     nearness = np.zeros(fan.azimuths)
     np.maximum.at(nearness, column, parallax / (geometry.focal_px * geometry.base_m * plan))
     return _Beyond(lowest.astype(np.float32), nearness.astype(np.float32))
-
-
-def _passing_below(
-    highest: Profiles, distance_m: Distances, beyond: _Beyond, least: np.float32
-) -> Profiles:
-    """Distance below the camera of planes that would be visible between two rises of `highest`."""
-    ranges = len(highest)
-    rises = np.concatenate([highest[:1] > -np.inf, highest[1:] > highest[:-1]])
-    place = np.arange(ranges, dtype=np.int32)[:, None]
-    first = np.maximum.accumulate(np.where(rises, place, np.int32(0)), axis=0)
-    follows = np.minimum.accumulate(np.where(rises, place, np.int32(ranges))[::-1], axis=0)[::-1]
-    follows = np.concatenate([follows[1:], np.full_like(follows[:1], ranges)])
-    # profiles rise steadily, so the next rise is the lowest one beyond
-    above = np.where(rises[1:], highest[1:], np.float32(np.inf))
-    above = np.concatenate([above, np.maximum(beyond.tangent, highest[-1])[None]])
-    above = np.minimum.accumulate(above[::-1], axis=0)[::-1]
-    with np.errstate(invalid="ignore"):
-        rise = np.maximum(above - highest, least)
-    nearness = np.append(1 / distance_m[:, 0], np.float32(0))
-    nearer = nearness[first] - np.where(follows < ranges, nearness[follows], beyond.nearness)
-    return rise / np.maximum(nearer, np.float32(1e-6))
-
-
-def _last_known(height: Profiles, known: Marks) -> Profiles:
-    """The last known value up to each point of every profile; NaN before the first."""
-    place = np.where(known, np.arange(len(height), dtype=np.int32)[:, None], np.int32(-1))
-    last = np.maximum.accumulate(place, axis=0)
-    columns = np.arange(height.shape[1])
-    value = height.ravel()[np.maximum(last, 0) * height.shape[1] + columns]
-    return np.where(last >= 0, value, np.float32(np.nan))
 
 
 def _in_field(view: TerrainView, seen: _Profiles, params: SightParams) -> Marks:

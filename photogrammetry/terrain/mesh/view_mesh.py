@@ -38,9 +38,8 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     PixelPoints,
     SightParams,
     camera_on_map,
-    continuous_quads,
+    continuous_ground,
     ground_points,
-    largest_step_px,
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
@@ -117,11 +116,8 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
 def _prepare(view: TerrainView, params: ViewModelParams) -> _PreparedView:
     parallax = _fill_specks(trusted_parallax(view, params), params)
     planes = ground_points(view, parallax, params)
-    step_px = largest_step_px(view.geometry.base_m, params)
-    quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
-    whole = np.zeros(parallax.size, np.bool_)
-    whole[quads.corner] = True
-    return _PreparedView(view, parallax, planes, whole.reshape(parallax.shape)[:-1, :-1])
+    squares = continuous_ground(planes, parallax, view, params)
+    return _PreparedView(view, parallax, planes, squares[:-1, :-1])
 
 
 def _fill_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:

@@ -1,0 +1,337 @@
+"""Loops of the terrain model of a view, compiled: points of pixels, squares between them, cells.
+
+Points are (east, north, up) from the camera, metres, single precision. A square has four
+neighbouring pixels as corners; its number is that of its upper left one. `Lattice` is the part of
+the map's lattice in a view: its rows and columns, and the side of a cell; (east, south) of the
+camera in cells.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solmap.photogrammetry.compiled import compiled
+
+ONE, HALF = np.float32(1), np.float32(0.5)
+NAN, TINY = np.float32(np.nan), np.float32(1e-6)
+SPLITS = 4
+"""Most repetitions of keeping the points above the mean: one sixteenth of them remains then."""
+
+Lattice = tuple[int, int, np.float32, np.float32, np.float32]
+"""Rows, columns, side of a cell in metres, and the camera's position east and south, in cells."""
+
+
+@compiled("image", "points", "per_point", "per_point", "float32", "float32")
+def points_of_pixels(
+    parallax: np.ndarray,
+    rotation: np.ndarray,
+    across: np.ndarray,
+    down: np.ndarray,
+    focal_base: np.float32,
+    radius_m: np.float32,
+) -> np.ndarray:
+    """Position of every pixel with a parallax; NaN elsewhere, and beyond the radius.
+
+    Args:
+        parallax: Pixels; NaN where there is none.
+        rotation: From (right, down, forward) of the pair to (east, north, up).
+        across: Right over forward, of every sample.
+        down: Down over forward, of every line.
+        focal_base: Focal length x base, pixel metres.
+        radius_m: Farthest ground on the map.
+    """
+    lines, samples = parallax.shape
+    planes = np.full((3, lines, samples), NAN)
+    for y in range(lines):
+        for x in range(samples):
+            p = parallax[y, x]
+            if np.isnan(p):
+                continue
+            depth = focal_base / p
+            east, north, up = (
+                np.float32(rotation[0, 0] * across[x] + rotation[0, 1] * down[y] + rotation[0, 2])
+                * depth,
+                np.float32(rotation[1, 0] * across[x] + rotation[1, 1] * down[y] + rotation[1, 2])
+                * depth,
+                np.float32(rotation[2, 0] * across[x] + rotation[2, 1] * down[y] + rotation[2, 2])
+                * depth,
+            )
+            if east * east + north * north <= radius_m * radius_m:
+                planes[0, y, x], planes[1, y, x], planes[2, y, x] = east, north, up
+    return planes
+
+
+@compiled()
+def _squared_m(planes: np.ndarray, y: int, x: int, across: int) -> np.float32:
+    """Squared distance on the map from a pixel to the next one, across or down."""
+    east = planes[0, y + 1 - across, x + across] - planes[0, y, x]
+    north = planes[1, y + 1 - across, x + across] - planes[1, y, x]
+    return east * east + north * north
+
+
+@compiled("planes", "image", "float32", "float32")
+def continuous_squares(
+    planes: np.ndarray, parallax: np.ndarray, step_px: np.float32, gap_m: np.float32
+) -> np.ndarray:
+    """Squares whose sides all have steps of at most `step_px` of parallax and `gap_m` on the map.
+
+    The last line and sample have none.
+    """
+    lines, samples = parallax.shape
+    farthest = gap_m * gap_m
+    squares = np.zeros((lines, samples), np.bool_)
+    down = np.zeros((2, samples), np.bool_)  # sides from the line above, and from this one
+    along = np.zeros((2, samples), np.bool_)
+    for y in range(lines):
+        for x in range(samples - 1):
+            along[y % 2, x] = (
+                abs(parallax[y, x + 1] - parallax[y, x]) <= step_px
+                and _squared_m(planes, y, x, 1) <= farthest
+            )
+        if y == 0:
+            continue
+        for x in range(samples):
+            down[0, x] = (
+                abs(parallax[y, x] - parallax[y - 1, x]) <= step_px
+                and _squared_m(planes, y - 1, x, 0) <= farthest
+            )
+        for x in range(samples - 1):
+            squares[y - 1, x] = along[0, x] and along[1, x] and down[0, x] and down[0, x + 1]
+    return squares
+
+
+@compiled("planes", "mask")
+def without_isolated(planes: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """The points that are a corner of some square; NaN elsewhere."""
+    kept = np.full_like(planes, NAN)
+    lines, samples = squares.shape
+    for y in range(lines):
+        for x in range(samples):
+            if (
+                squares[y, x]
+                or (x and squares[y, x - 1])
+                or (y and squares[y - 1, x])
+                or (x and y and squares[y - 1, x - 1])
+            ):
+                for axis in range(3):
+                    kept[axis, y, x] = planes[axis, y, x]
+    return kept
+
+
+@compiled()
+def _cell(east: np.float32, north: np.float32, lattice: Lattice) -> int:
+    """The cell of a point, counted along the rows of the lattice."""
+    _, cols, side, camera_east, camera_south = lattice
+    return int(camera_south - north / side) * cols + int(east / side + camera_east)
+
+
+@compiled()
+def _moments(values: np.ndarray, count: int) -> tuple[float, float]:
+    """Mean and standard deviation of the first `count` values."""
+    mean = variance = 0.0
+    for k in range(count):
+        mean += values[k]
+    mean /= count
+    for k in range(count):
+        variance += (values[k] - mean) * (values[k] - mean)
+    return mean, np.sqrt(variance / count)
+
+
+LATTICE = ("int64", "int64", "float32", "float32", "float32")
+
+
+@compiled("planes", "image", "image", LATTICE, "float32", "float64")
+def upper_levels(
+    planes: np.ndarray,
+    parallax: np.ndarray,
+    sigma_px: np.ndarray,
+    lattice: Lattice,
+    noise_px: np.float32,
+    slope_m: float,
+) -> np.ndarray:
+    """The points in the upper level of every cell.
+
+    Where heights scatter by more than twice the noise and the slope explain, only points above the
+    mean are kept, repeatedly.
+
+    Args:
+        planes: Points of the view; NaN where there are none.
+        parallax: Their parallax, pixels.
+        sigma_px: Its standard deviation.
+        lattice: The cells.
+        noise_px: Standard deviation of parallax that scatter is compared with.
+        slope_m: Scatter of a cell by the steepest slope, metres.
+
+    Returns:
+        Rows for count, mean and standard deviation of heights, and mean square of the standard
+        deviations of parallax, of every cell; 0 where there are no points.
+    """
+    _, lines, samples = planes.shape
+    found = np.zeros((4, lattice[0] * lattice[1]))
+    count, mean, scatter, square = found
+    noise = np.zeros(count.size)
+    cells = np.full((lines, samples), -1, np.int32)
+    for y in range(lines):
+        for x in range(samples):
+            if np.isnan(planes[0, y, x]):
+                continue
+            cell = _cell(planes[0, y, x], planes[1, y, x], lattice)
+            cells[y, x] = cell
+            count[cell] += 1
+            noise[cell] += noise_px / parallax[y, x] * abs(planes[2, y, x])
+            square[cell] += sigma_px[y, x] * sigma_px[y, x]
+    ends = np.cumsum(count).astype(np.int64)  # of each cell's heights, which are sorted by cell
+    free = ends - count.astype(np.int64)
+    heights = np.empty(ends[-1] if ends.size else 0, np.float32)
+    for y in range(lines):
+        for x in range(samples):
+            cell = cells[y, x]
+            if cell >= 0:
+                heights[free[cell]] = planes[2, y, x]
+                free[cell] += 1
+    for cell in range(count.size):
+        n = int(count[cell])
+        if n == 0:
+            continue
+        square[cell] /= n
+        own = heights[ends[cell] - n : ends[cell]]
+        level, deviation = _moments(own, n)
+        allowed = np.hypot(2 * noise[cell] / n, slope_m)
+        for _ in range(SPLITS):
+            if deviation <= allowed:
+                break
+            above = 0
+            for k in range(n):
+                if own[k] > level:
+                    own[above] = own[k]
+                    above += 1
+            if above == 0:
+                break
+            n = above
+            level, deviation = _moments(own, n)
+        count[cell], mean[cell], scatter[cell] = n, level, deviation
+    return found
+
+
+@compiled("planes", "mask", "points", LATTICE, "float32")
+def cells_of_mesh(
+    planes: np.ndarray,
+    squares: np.ndarray,
+    measured: np.ndarray,
+    lattice: Lattice,
+    spacing_m: np.float32,
+) -> np.ndarray:
+    """The mesh in cells without points, by samples between the corners of squares.
+
+    A square larger than `spacing_m` is divided into as many parts as its sides need, with a
+    bilinear sample in the middle of each.
+
+    Args:
+        planes: Points of the view.
+        squares: Squares of continuous ground.
+        measured: The cells of points, as of `upper_levels`.
+        lattice: The cells.
+        spacing_m: Largest distance between samples.
+
+    Returns:
+        Rows for the number of samples, and the sums of their heights and of the length L t (1 - t)
+        over which the ground between may deviate: L the distance of the lines, t the position
+        between them.
+    """
+    found = np.zeros((3, measured.shape[1]))
+    lines, samples = squares.shape
+    for y in range(lines - 1):
+        for x in range(samples - 1):
+            if not squares[y, x]:
+                continue
+            lines_m = np.sqrt(max(_squared_m(planes, y, x, 0), _squared_m(planes, y, x + 1, 0)))
+            samples_m = np.sqrt(max(_squared_m(planes, y, x, 1), _squared_m(planes, y + 1, x, 1)))
+            down = max(1, int(np.ceil(lines_m / spacing_m)))
+            across = max(1, int(np.ceil(samples_m / spacing_m)))
+            if down * across == 1:
+                continue
+            for i in range(down):
+                t = (np.float32(i) + HALF) / np.float32(down)
+                sag = lines_m * t * (ONE - t)
+                for j in range(across):
+                    s = (np.float32(j) + HALF) / np.float32(across)
+                    east, north, up = (
+                        _between(planes[0], y, x, s, t),
+                        _between(planes[1], y, x, s, t),
+                        _between(planes[2], y, x, s, t),
+                    )
+                    cell = _cell(east, north, lattice)
+                    if measured[0, cell] == 0:
+                        found[0, cell] += 1
+                        found[1, cell] += up
+                        found[2, cell] += sag
+    return found
+
+
+@compiled()
+def _between(plane: np.ndarray, y: int, x: int, s: np.float32, t: np.float32) -> np.float32:
+    """Value within a square, bilinear: `s` across and `t` down of its upper left corner."""
+    upper = plane[y, x] + s * (plane[y, x + 1] - plane[y, x])
+    lower = plane[y + 1, x] + s * (plane[y + 1, x + 1] - plane[y + 1, x])
+    return upper + t * (lower - upper)
+
+
+@compiled("image", "row", "row", "row", "float32", "float32")
+def hidden_along(
+    height: np.ndarray,
+    distance_m: np.ndarray,
+    tangent_beyond: np.ndarray,
+    nearness_beyond: np.ndarray,
+    line: np.float32,
+    least_m: np.float32,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ground along profiles from a camera, supposed in gaps, and which of it is hidden.
+
+    Args:
+        height: Above the camera, metres, by distance and profile; NaN in gaps.
+        distance_m: Distances.
+        tangent_beyond: Of the lowest ground beyond each profile; infinite where there is none.
+        nearness_beyond: One over its distance.
+        line: Tangent of a line of the image.
+        least_m: Least distance below the camera of planes of visible ground.
+
+    Returns:
+        The height, in gaps the lower one beside them, and whether ground there is hidden.
+    """
+    ranges, profiles = height.shape
+    infinite = np.float32(np.inf)
+    supposed = np.empty_like(height)
+    highest = np.empty_like(height)  # tangent up to a distance
+    reached = np.empty(height.shape, np.int32)  # where it was reached
+    top, at = np.full(profiles, -infinite), np.zeros(profiles, np.int32)
+    before = np.full(profiles, NAN)
+    for r in range(ranges):
+        for k in range(profiles):
+            if not np.isnan(height[r, k]):
+                before[k] = height[r, k]
+                tangent = height[r, k] / distance_m[r]
+                if tangent > top[k]:
+                    top[k], at[k] = tangent, r
+            supposed[r, k], highest[r, k], reached[r, k] = before[k], top[k], at[k]
+    hidden = np.zeros(height.shape, np.bool_)
+    after = np.full(profiles, NAN)
+    above = np.maximum(tangent_beyond, top)  # the next higher tangent, and one over its distance
+    nearness = nearness_beyond.copy()
+    for r in range(ranges - 1, -1, -1):
+        for k in range(profiles):
+            known = not np.isnan(height[r, k])
+            if known:
+                after[k] = supposed[r, k]
+            elif not supposed[r, k] <= after[k]:
+                supposed[r, k] = after[k] if not np.isnan(after[k]) else supposed[r, k]
+            tangent = highest[r, k]
+            if not known:
+                rise = max(above[k] - tangent, line)
+                nearer = ONE / distance_m[reached[r, k]] - nearness[k]
+                hidden[r, k] = (
+                    supposed[r, k] / distance_m[r] < tangent - line
+                    or rise / max(nearer, TINY) < least_m
+                )
+            if reached[r, k] == r and tangent > -infinite:
+                above[k], nearness[k] = min(above[k], tangent), ONE / distance_m[r]
+    return supposed, hidden
