@@ -25,11 +25,13 @@ import logging
 import os
 import secrets
 import socket
+import sqlite3
 import sys
 import tempfile
 import threading
 import time
 import urllib.request
+from importlib.metadata import version
 from pathlib import Path
 
 from solmap.config.settings import PREFIX, Settings
@@ -62,10 +64,14 @@ _IDLE_SERVICES = (
 )
 _RUN_ONLY = {
     "PREFECT_UI_ENABLED": "false",
+    "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",
     **{f"PREFECT_SERVER_SERVICES_{name}_ENABLED": "false" for name in _IDLE_SERVICES},
 }
 """The server of a run ends with it: it needs no pages, and has nothing to schedule or to watch.
 States, logs and artifacts of runs are kept for the pages of `solmap up`; events are not."""
+SCHEMA = Path(__file__).with_name("engine.sql")
+"""The tables of Prefect's database, after a line with its version: its server takes as long to make
+them, by all its migrations, as for the rest of its start."""
 
 
 def prepare_engine(store: Path) -> None:
@@ -95,6 +101,24 @@ def prepare_engine(store: Path) -> None:
     os.environ["PREFECT_HOME"] = str(home)
     # Prefect creates the folder but not its parents; without them its server does not start.
     home.mkdir(parents=True, exist_ok=True)
+
+
+def make_database(home: Path) -> None:
+    """Make the tables of Prefect's database in a folder, if `SCHEMA` is of the installed version.
+
+    Otherwise, or where the settings name another database, its server makes them.
+    """
+    database, schema = home / "prefect.db", SCHEMA.read_text()
+    is_known = schema.startswith(f"-- Prefect {version('prefect')}\n")
+    if not is_known or database.exists() or "PREFECT_API_DATABASE_CONNECTION_URL" in os.environ:
+        return
+    with tempfile.TemporaryDirectory(dir=home) as drafts:
+        draft = Path(drafts) / database.name
+        with contextlib.closing(sqlite3.connect(draft)) as connection:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.executescript(schema)
+        with contextlib.suppress(OSError):  # another process was first, or no hard links
+            database.hardlink_to(draft)
 
 
 def leave_folder(store: Path) -> None:
@@ -162,6 +186,7 @@ def address(port: int) -> str:
 
 def engine_child(store: Path, port: int, *, has_pages: bool) -> Child:
     """The server of a store, not started yet. It listens on this machine only."""
+    make_database(Path(os.environ.get("PREFECT_HOME", store / "prefect")))
     command = ("server", "start", "--host", "127.0.0.1", "--port", str(port))
     environment = {
         "PREFECT_SERVER_API_AUTH_STRING": password_file(store).read_text(),

@@ -1,11 +1,16 @@
-"""The password of a store's engine."""
+"""The password and the database of a store's engine."""
 
 import errno
+import sqlite3
+from contextlib import closing
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
-from solmap.flows.runtime.engine import password_file
+from solmap.flows.runtime import engine
+from solmap.flows.runtime.engine import SCHEMA, make_database, password_file
+from tests.support.engine_schema import made_by_prefect
 
 
 def test_a_password_is_made_once_and_readable_by_its_owner_only(tmp_path):
@@ -46,3 +51,52 @@ def test_a_password_made_first_by_another_process_is_used(tmp_path, monkeypatch)
 
     monkeypatch.setattr(Path, "hardlink_to", be_late)
     assert password_file(tmp_path).read_text() == "solmap:first"
+
+
+def _tables(database: Path) -> int:
+    with closing(sqlite3.connect(database)) as connection:
+        return connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+
+
+@pytest.fixture
+def _own_database(monkeypatch):
+    monkeypatch.delenv("PREFECT_API_DATABASE_CONNECTION_URL", raising=False)
+
+
+@pytest.mark.usefixtures("_own_database")
+def test_the_tables_of_the_installed_version_are_made_at_once(tmp_path):
+    make_database(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["prefect.db"]
+    assert _tables(tmp_path / "prefect.db") > 100
+
+
+@pytest.mark.usefixtures("_own_database")
+def test_a_database_that_exists_is_left_as_it_is(tmp_path):
+    (tmp_path / "prefect.db").write_text("runs")
+    make_database(tmp_path)
+    assert (tmp_path / "prefect.db").read_text() == "runs"
+
+
+@pytest.mark.usefixtures("_own_database")
+def test_tables_of_another_version_are_left_to_its_server(tmp_path, monkeypatch):
+    other = tmp_path / "other.sql"
+    other.write_text(SCHEMA.read_text().replace(version("prefect"), "3.0.0", 1))
+    monkeypatch.setattr(engine, "SCHEMA", other)
+    make_database(tmp_path)
+    assert not (tmp_path / "prefect.db").exists()
+
+
+def test_no_tables_are_made_where_another_database_is_set(tmp_path, monkeypatch):
+    monkeypatch.setenv("PREFECT_API_DATABASE_CONNECTION_URL", "postgresql+asyncpg://elsewhere/runs")
+    make_database(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_tables_are_those_that_the_server_makes(tmp_path):
+    assert _lines(SCHEMA.read_text()) == _lines(made_by_prefect(tmp_path))
+
+
+def _lines(schema: str) -> list[str]:
+    """Its lines; migrations make indices and constraints in any order."""
+    return sorted(line.strip(" \t,") for line in schema.splitlines())
