@@ -20,7 +20,7 @@ PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps 
 # On all processors; pip compiles on one.
 COMPILE := $(BIN)/python -m compileall -q -j 0 $(VENV)/lib
 # Loops over pixels to machine code, once for all processes.
-COMPILE_KERNELS := $(BIN)/python -c "import solmap.photogrammetry.matching.kernels, solmap.photogrammetry.terrain.dtm.kernels; from solmap.photogrammetry.compiled import compile_all; compile_all()"
+COMPILE_KERNELS := $(BIN)/python -c "from solmap.photogrammetry.compiled import compile_all; compile_all()"
 
 .PHONY: setup cluster develop viewer demo test test-all unit integration e2e test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
 

@@ -10,6 +10,8 @@ whatever a compiled function calls, and constants that it names, belong into the
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -102,7 +104,10 @@ def compiled(
 
 
 def compile_all() -> None:
-    """Compile, and keep, all functions with known kinds of arguments."""
+    """Compile, and keep, all functions of the science with known kinds of arguments."""
+    package = importlib.import_module(__package__)
+    for module in pkgutil.walk_packages(package.__path__, f"{__package__}."):
+        importlib.import_module(module.name)
     for kernel in KERNELS:
         if kernel.kinds:
             _ = kernel.dispatcher

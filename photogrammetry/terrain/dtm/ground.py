@@ -26,8 +26,8 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64, Mask, ParallaxMap, Vector3
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.ranges import Metres, Pixels, ShareAboveZero
-from solmap.photogrammetry.terrain.dtm.kernels import continuous_squares, points_of_pixels
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.kernels import continuous_squares, points_of_pixels
 
 PixelPoints = Float32[np.ndarray, "3 lines samples"]
 """East, north and up of every pixel, metres from the camera; NaN where not trusted."""

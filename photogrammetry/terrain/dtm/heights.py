@@ -19,13 +19,13 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     ground_points,
     trusted_parallax,
 )
-from solmap.photogrammetry.terrain.dtm.kernels import (
+from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.kernels import (
     Lattice,
     cells_of_mesh,
     upper_levels,
     without_isolated,
 )
-from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
 STEEP = 1.7
 """Gradient of 60 degrees: scatter of a cell by a slope as steep as this is not a second level."""

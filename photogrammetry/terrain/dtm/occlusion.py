@@ -39,8 +39,8 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     map_from_pair_rotation,
     reach_m,
 )
-from solmap.photogrammetry.terrain.dtm.kernels import hidden_along
 from solmap.photogrammetry.terrain.dtm.records import GroundClass, TerrainView
+from solmap.photogrammetry.terrain.kernels import hidden_along
 
 LINES = 1.0
 """Fewest lines of the image by which something counts as above another."""

@@ -22,6 +22,7 @@ from solmap.photogrammetry.arrays import Float32, Float64, Int32, PerPoint, Rast
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
+from solmap.photogrammetry.terrain.kernels import values_between
 
 CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""
@@ -29,8 +30,6 @@ LEAST_SHARE = 0.25
 """Least fraction of a coarse cell's area with elevations: one row of 4 x 4 cells."""
 MapPoints = Float64[np.ndarray, "n 2"]
 """(east, north) in metres of the local map."""
-LEAST_KNOWN = 0.5
-"""Weight of known cells below which a point counts as not measured."""
 NOWHERE = -1
 """Source of a point that no model covers."""
 Elevations = Callable[[MapPoints], PerPoint]
@@ -136,23 +135,7 @@ def sample_bilinear(values: Raster, grid: MapGrid, places: MapPoints) -> PerPoin
     """Cell values between cell centres; NaN beyond the grid and in gaps."""
     row = (grid.north - places[:, 1]) / grid.cell_m - 0.5
     col = (places[:, 0] - grid.west) / grid.cell_m - 0.5
-    inside = (row >= -0.5) & (row < grid.rows - 0.5) & (col >= -0.5) & (col < grid.cols - 0.5)  # noqa: PLR2004 - half a cell
-    first_row, first_col = (
-        np.floor(np.where(inside, at, 0.0)).astype(np.int64) for at in (row, col)
-    )
-    down, right = np.where(inside, row - first_row, 0.0), np.where(inside, col - first_col, 0.0)
-    total, weight = np.zeros(len(places)), np.zeros(len(places))
-    for step_down, step_right in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        value = values[
-            np.clip(first_row + step_down, 0, grid.rows - 1),
-            np.clip(first_col + step_right, 0, grid.cols - 1),
-        ].astype(np.float64)
-        share = np.where(step_down, down, 1 - down) * np.where(step_right, right, 1 - right)
-        share = np.where(np.isfinite(value), share, 0.0)
-        total += share * np.where(np.isfinite(value), value, 0.0)
-        weight += share
-    known = inside & (weight > LEAST_KNOWN)
-    return np.where(known, total / np.where(known, weight, 1.0), np.nan)
+    return values_between(np.ascontiguousarray(values), row, col)
 
 
 def finest_samples(models: Sequence[tuple[float, GroundSamples]]) -> GroundSamples:

@@ -30,6 +30,7 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.kernels import best_of_each
 from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 
 SAMPLED = 37
@@ -180,13 +181,9 @@ def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
     """Indices of the most accurate points of all cubes, in their order."""
     if not len(cloud):
         return np.zeros(0, np.int64)
-    east, north, up = (np.floor(axis / spacing_m).astype(np.int64) for axis in cloud.points.T)
-    east, north, up = (axis - axis.min() for axis in (east, north, up))
-    key = (up * (int(north.max()) + 1) + north) * (int(east.max()) + 1) + east
+    cubes = np.floor(cloud.points / spacing_m).astype(np.int64)
+    cubes -= cubes.min(axis=0)
+    _, north, up = (int(one) + 1 for one in cubes.max(axis=0))
+    key = (cubes[:, 0] * north + cubes[:, 1]) * up + cubes[:, 2]
     worth = np.clip(cloud.sigma_m / SIGMA_STEP_M, 0, 65535).astype(np.int64)
-    # one number sorts in half the time of two; of equal points the first is kept, on any machine
-    order = np.argsort((key << 16) | worth, kind="stable")
-    ordered = key[order]
-    first = np.ones(len(order), np.bool_)
-    first[1:] = ordered[1:] != ordered[:-1]
-    return np.sort(order[first])
+    return np.sort(best_of_each(key, worth))

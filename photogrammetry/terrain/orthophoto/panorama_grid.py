@@ -29,6 +29,7 @@ from solmap.photogrammetry.arrays import Bool, Directions, Float64, ObjectPoints
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import sample_bilinear
+from solmap.photogrammetry.terrain.kernels import first_hits, without_gaps
 
 CIRCLE = 360.0
 NODE = 4
@@ -45,7 +46,6 @@ NEAREST_M, FARTHEST_M = 0.3, 300.0
 GROWTH = 1.01
 LEVEL_M = 20.0
 """Distance from the rover beyond which its tilt does not describe the ground."""
-SKY_M = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,40 +193,9 @@ def ground_ranges(
         places = np.column_stack([east.ravel(), north.ravel()])
         height = sample_bilinear(dtm.elevation, dtm.grid, places).reshape(ground.shape) - ground
         known = np.isfinite(height)
-        ground = ground + _bridge_gaps(height, r)
+        ground = ground + without_gaps(height, r)
     angle = np.arctan2(ground - centre[2], r)
-    angles = np.radians(elevations_deg)
-    ranges = np.empty((len(angles), len(turn)))
-    measured = np.zeros(ranges.shape, dtype=np.bool_)
-    for column, profile in enumerate(angle):
-        ranges[:, column], at = _first_hits(profile, r, angles)
-        measured[:, column] = known[column][np.clip(at, 0, count - 1)] & (at > 0) & (at < count)
+    ranges, at = first_hits(angle, r, np.radians(elevations_deg))
+    column = np.arange(len(turn))
+    measured = known[column, np.clip(at, 0, count - 1)] & (at > 0) & (at < count)
     return GroundRanges(ranges, measured)
-
-
-def _bridge_gaps(height: Float64[np.ndarray, "n m"], r: Float64[np.ndarray, " m"]) -> np.ndarray:
-    """Heights over the plane, gaps interpolated along each row; 0 in rows without ground."""
-    filled = np.zeros(height.shape)
-    for row, values in enumerate(height):
-        known = np.isfinite(values)
-        if known.any():
-            filled[row] = np.interp(r, r[known], values[known])
-    return filled
-
-
-def _first_hits(
-    profile: Float64[np.ndarray, " m"],
-    r: Float64[np.ndarray, " m"],
-    angles: Float64[np.ndarray, " down"],
-) -> tuple[Float64[np.ndarray, " down"], np.ndarray]:
-    """Distances at which a profile first reaches elevation angles, and at which step."""
-    reached = np.maximum.accumulate(profile)
-    at = np.searchsorted(reached, angles, side="left")
-    after = np.clip(at, 1, len(r) - 1)
-    low, high = reached[after - 1], profile[after]
-    share = np.clip((angles - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
-    found = r[after - 1] + share * (r[after] - r[after - 1])
-    found = found / np.maximum(np.cos(angles), 1e-9)
-    below = r[0] * np.tan(profile[0]) / np.minimum(np.sin(angles), -1e-9)  # nearer than the first
-    found = np.where(at == 0, np.abs(below), found)
-    return np.where(at == len(r), SKY_M, found), at

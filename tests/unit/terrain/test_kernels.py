@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.terrain.dtm import kernels
+from solmap.photogrammetry.terrain import kernels
 
 SIDE = 24
 LATTICE = (8, 8, np.float32(0.5), np.float32(4.0), np.float32(4.0))

@@ -1,4 +1,4 @@
-"""Loops of the terrain model of a view, compiled: points of pixels, squares between them, cells.
+"""Loops over pixels, cells and profiles of terrain, compiled.
 
 Points are (east, north, up) from the camera, metres, single precision. A square has four
 neighbouring pixels as corners; its number is that of its upper left one. `Lattice` is the part of
@@ -16,6 +16,15 @@ ONE, HALF = np.float32(1), np.float32(0.5)
 NAN, TINY = np.float32(np.nan), np.float32(1e-6)
 SPLITS = 4
 """Most repetitions of keeping the points above the mean: one sixteenth of them remains then."""
+
+LEAST_WEIGHT = 1e-3
+"""Distance to the nearest known ground above which a position on a line is unknown."""
+LEAST_KNOWN = 0.5
+"""Weight of known cells below which a value between cells counts as not known."""
+SKY_M = 10_000.0
+"""Range where no ground is seen."""
+HASH = np.int64(-7046029254386353131)
+"""2^64 over the golden ratio: multiplied by it, keys near each other are spread evenly."""
 
 Lattice = tuple[int, int, np.float32, np.float32, np.float32]
 """Rows, columns, side of a cell in metres, and the camera's position east and south, in cells."""
@@ -335,3 +344,150 @@ def hidden_along(
             if reached[r, k] == r and tangent > -infinite:
                 above[k], nearness[k] = min(above[k], tangent), ONE / distance_m[r]
     return supposed, hidden
+
+
+@compiled("image", "indices", "row")
+def rise_along_lines(elevation: np.ndarray, whole: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Steepest rise per row from every cell to those above it along its line; 0 if none.
+
+    Args:
+        elevation: Metres; NaN where unknown.
+        whole: Columns by which every row is moved so that lines are columns, rounded down.
+        share: Remainders.
+    """
+    rows, cols = elevation.shape
+    lines = whole.max() + cols + 1
+    rise = np.zeros((lines, rows), np.float32)
+    height = np.empty(rows, np.float32)
+    beyond = np.empty(rows, np.int64)  # the row of the horizon: the hull's corners, near to far
+    for line in range(lines):
+        nearest = -1
+        for row in range(rows):
+            total = weight = np.float32(0)
+            col = line - whole[row]
+            if 0 <= col < cols and not np.isnan(elevation[row, col]):
+                part = np.float32(1) - share[row]
+                total, weight = total + elevation[row, col] * part, weight + part
+            col -= 1
+            if 0 <= col < cols and not np.isnan(elevation[row, col]):
+                part = share[row]
+                total, weight = total + elevation[row, col] * part, weight + part
+            if weight <= LEAST_WEIGHT:
+                continue
+            here = total / weight
+            height[row], beyond[row] = here, -1
+            if nearest >= 0:
+                corner = nearest
+                slope = (height[corner] - here) / (row - corner)
+                while beyond[corner] >= 0:
+                    further = beyond[corner]
+                    ahead = (height[further] - here) / (row - further)
+                    if ahead < slope:
+                        break
+                    corner, slope = further, ahead
+                rise[line, row], beyond[row] = slope, corner
+            nearest = row
+    found = np.empty((rows, cols), np.float32)
+    for row in range(rows):
+        for col in range(cols):
+            one, other = rise[whole[row] + col, row], rise[whole[row] + col + 1, row]
+            found[row, col] = one + share[row] * (other - one)
+    return found
+
+
+@compiled("points", "per_point")
+def without_gaps(height: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Heights over the plane, gaps interpolated along each row; 0 in rows without ground."""
+    filled = np.zeros(height.shape)
+    for row in range(len(height)):
+        last = -1
+        for k in range(len(r)):
+            if np.isnan(height[row, k]):
+                if last >= 0:
+                    filled[row, k] = height[row, last]
+                continue
+            filled[row, k] = height[row, k]
+            for gap in range(last + 1, k):
+                filled[row, gap] = height[row, k]
+                if last >= 0:
+                    share = (r[gap] - r[last]) / (r[k] - r[last])
+                    rise = height[row, k] - height[row, last]
+                    filled[row, gap] = height[row, last] + share * rise
+            last = k
+    return filled
+
+
+@compiled("points", "per_point", "per_point")
+def first_hits(
+    profiles: np.ndarray, r: np.ndarray, angles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances at which profiles first reach elevation angles, and at which step.
+
+    Args:
+        profiles: Elevation angle of the ground, a row for each azimuth, a column for each `r`.
+        r: Distances on the map.
+        angles: Decreasing.
+
+    Returns:
+        Rows for the angles, and columns for the azimuths.
+    """
+    count = len(r)
+    found = np.empty((len(angles), len(profiles)))
+    step = np.empty(found.shape, np.int64)
+    for column in range(len(profiles)):
+        profile, at, reached = profiles[column], 0, -np.inf
+        for row in range(len(angles) - 1, -1, -1):
+            angle = angles[row]
+            while at < count and profile[at] < angle:
+                reached = max(reached, profile[at])
+                at += 1
+            step[row, column] = at
+            if at == count:
+                found[row, column] = SKY_M
+            elif at == 0:  # nearer than the first
+                found[row, column] = abs(r[0] * np.tan(profile[0]) / min(np.sin(angle), -1e-9))
+            else:
+                rise = max(profile[at] - reached, 1e-12)
+                share = min(max((angle - reached) / rise, 0.0), 1.0)
+                distance = r[at - 1] + share * (r[at] - r[at - 1])
+                found[row, column] = distance / max(np.cos(angle), 1e-9)
+    return found, step
+
+
+@compiled("image", "per_point", "per_point")
+def values_between(values: np.ndarray, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+    """Values at places in cells, from known ones around; NaN where most of these are unknown."""
+    lines, samples = values.shape
+    found = np.full(len(rows), np.nan)
+    for n in range(len(rows)):
+        row, col = int(np.floor(rows[n])), int(np.floor(cols[n]))
+        if not (-HALF <= rows[n] < lines - HALF and -HALF <= cols[n] < samples - HALF):
+            continue
+        down, right = rows[n] - row, cols[n] - col
+        total = weight = 0.0
+        for i in range(2):
+            for j in range(2):
+                value = values[min(max(row + i, 0), lines - 1), min(max(col + j, 0), samples - 1)]
+                if not np.isnan(value):
+                    share = (down if i else 1 - down) * (right if j else 1 - right)
+                    total += share * value
+                    weight += share
+        if weight > LEAST_KNOWN:
+            found[n] = total / weight
+    return found
+
+
+@compiled("indices", "indices")
+def best_of_each(key: np.ndarray, worth: np.ndarray) -> np.ndarray:
+    """Index of the first of least `worth` of every key, in any order, by a table of hashes."""
+    size = 1
+    while size < 2 * len(key):
+        size *= 2
+    table = np.full(size, -1, np.int64)
+    for n in range(len(key)):
+        slot = (key[n] * HASH >> 20) & (size - 1)
+        while table[slot] >= 0 and key[table[slot]] != key[n]:
+            slot = (slot + 1) & (size - 1)
+        if table[slot] < 0 or worth[n] < worth[table[slot]]:
+            table[slot] = n
+    return table[table >= 0]
