@@ -19,10 +19,8 @@ export PYTHONDONTWRITEBYTECODE =
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-compile
 # On all processors; pip compiles on one.
 COMPILE := $(BIN)/python -m compileall -q -j 0 $(VENV)/lib
-# Loops over pixels to machine code, once for all processes.
-COMPILE_KERNELS := $(BIN)/python -c "from solmap.photogrammetry.compiled import compile_all; compile_all()"
 
-.PHONY: setup cluster develop viewer demo test test-all unit integration e2e test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
+.PHONY: setup kernels cluster develop viewer demo test test-all unit integration e2e test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
 
 setup: $(VENV)/.installed  ## What a user needs.
 
@@ -31,7 +29,12 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	$(PIP_INSTALL) --requirement requirements.lock
 	$(PIP_INSTALL) --editable .
 	$(COMPILE)
-	$(COMPILE_KERNELS)
+	touch $@
+
+kernels: $(VENV)/.kernels  ## Compiled loops over pixels; without them the first run compiles.
+
+$(VENV)/.kernels: $(VENV)/.installed photogrammetry/compiled.py $(shell find photogrammetry -name kernels.py)
+	$(BIN)/python -c "from solmap.photogrammetry.compiled import compile_all; compile_all()"
 	touch $@
 
 cluster: $(VENV)/.cluster  ## Also what PostgreSQL, an object store and Dask need.
@@ -65,7 +68,8 @@ $(VIEWER)/dist/index.html: $(NPM_INSTALLED) $(shell find $(VIEWER)/src $(VIEWER)
 
 demo:  ## A synthetic downlink through every stage to the map in the browser.
 	@$(MAKE) --no-print-directory --jobs 2 setup viewer
-	@test -f $(DOWNLINK)/orbital/orbital.tif || $(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1
+	@$(MAKE) --no-print-directory kernels & compilation=$$!; { test -f $(DOWNLINK)/orbital/orbital.tif || \
+	$(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1; } && wait $$compilation
 	@mkdir -p $(STORE)/drafts  # an empty store: the map answers at once, and shows layers as they come
 	@$(BIN)/solmap serve --store $(STORE) --port $(PORT) & trap "kill $$! 2> /dev/null" EXIT; \
 	$(BIN)/solmap run $(DOWNLINK) --store $(STORE) && \
@@ -82,13 +86,13 @@ PARALLEL := --numprocesses 2 --dist loadfile
 SUITES := unit integration e2e
 
 test:  ## Everything that continuous integration asks for.
-	@$(MAKE) --no-print-directory --jobs 2 develop viewer
+	@$(MAKE) --no-print-directory --jobs 2 develop viewer kernels
 	@$(MAKE) --no-print-directory --jobs $(SUITES) check test-viewer PYTEST='-m "not slow" $(REPEATABLE)'
 
-test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
+test-all: develop viewer kernels  ## Also what takes minutes: the rendered traverse, long simulations.
 	@$(MAKE) --no-print-directory --jobs $(SUITES) check test-viewer
 
-$(SUITES): develop viewer  ## One of the suites of tests; PYTEST has further options.
+$(SUITES): develop viewer kernels  ## One of the suites of tests; PYTEST has further options.
 	$(BIN)/pytest $(PARALLEL) $(PYTEST) tests/$@
 
 test-viewer: viewer
@@ -104,7 +108,7 @@ audit: develop  ## Known weaknesses of what is pinned; AUDIT=required fails wher
 	$(BIN)/python .ci/audit
 
 # Without the checks of array types that every test runs under: they would be timed too.
-bench: develop  ## Times and ratios against a peer in the same run.
+bench: develop kernels  ## Times and ratios against a peer in the same run.
 	$(BIN)/pytest -o addopts=--import-mode=importlib tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
 
 ACCURACY ?=

@@ -11,6 +11,7 @@ whatever a compiled function calls, and constants that it names, belong into the
 from __future__ import annotations
 
 import importlib
+import multiprocessing
 import pkgutil
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
@@ -108,6 +109,10 @@ def compile_all() -> None:
     package = importlib.import_module(__package__)
     for module in pkgutil.walk_packages(package.__path__, f"{__package__}."):
         importlib.import_module(module.name)
-    for kernel in KERNELS:
-        if kernel.kinds:
-            _ = kernel.dispatcher
+    with multiprocessing.get_context("fork").Pool() as pool:
+        pool.map(_compile, range(len(KERNELS)), chunksize=1)
+
+
+def _compile(number: int) -> None:
+    if KERNELS[number].kinds:
+        _ = KERNELS[number].dispatcher
