@@ -8,7 +8,7 @@ value, so that edges do not count.
 
 **Matching in both directions.** OpenCV's StereoSGBM (after Hirschmüller 2008) minimises the
 Birchfield-Tomasi difference over small blocks plus a penalty P1 for parallax steps of one pixel and
-P2 for larger ones along five paths. Its penalties have the proportion of its authors, 8 and 32
+P2 for larger ones along three paths. Its penalties have the proportion of its authors, 8 and 32
 times the area of the block. Slopes are limited, so that an outline, which belongs to the nearer
 surface, does not affect the ground beside it.
 
@@ -218,7 +218,7 @@ def _match(
         P2=32 * area,
         preFilterCap=SLOPE_CAP,
         uniquenessRatio=params.uniqueness_percent,
-        mode=cv2.STEREO_SGBM_MODE_SGBM,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
     fixed = matcher.compute(*padded)[:, before : before + left.shape[1]]
     found = fixed >= least * FIXED_POINT
