@@ -66,6 +66,8 @@ def merge_block(
     stops: Sequence[StopImagery], grid: MapGrid, params: MergingParams
 ) -> Float32[np.ndarray, "rows cols"]:
     """Brightness of a block, all of whose stops have its grid; NaN where no stop has any."""
+    if len(stops) == 1:
+        return stops[0].brightness
     worth = np.stack([_worth(stop, grid, params) for stop in stops])
     greatest = worth.max(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -149,12 +149,12 @@ def trace_terrain(terrain: Terrain, params: ContourParams) -> tuple[Contour, ...
     grid, step = terrain.grid, _node_step(terrain.grid, params)
     nodes = np.full([-(-count // step) for count in grid.shape], np.nan, np.float32)
     margin = math.ceil(REACH_SIGMAS * params.smoothing_m / grid.cell_m) + 1
-    for part in seen_parts(terrain, margin):
+    for part in seen_parts(terrain, margin * grid.cell_m):
         smooth = smooth_elevation(
-            part.dtm.elevation, grid.cell_m, params.smoothing_m, params.min_share
-        )[part.inner]
+            part.dtm.elevation, part.grid.cell_m, params.smoothing_m, params.min_share
+        )
         down, right = (-side.start % step for side in part.own)
-        own = smooth[down::step, right::step]
+        own = part.own_values(smooth)[down::step, right::step]
         row, col = (-(-side.start // step) for side in part.own)
         nodes[row : row + own.shape[0], col : col + own.shape[1]] = own
     return _trace(nodes, grid, step, params)

@@ -135,9 +135,9 @@ def _of_known(normal: Normals, angle: Callable[[np.ndarray], np.ndarray]) -> Ras
 
 def hillshade_parts(terrain: Terrain, params: HillshadeParams) -> Iterator[tuple[Window, Raster]]:
     """The brightness of a terrain model part by part, and where each part lies."""
-    cell_m = terrain.grid.cell_m
-    for part in seen_parts(terrain, HILLSHADE_BASELINE_CELLS):
-        yield part.own, hillshade(part.dtm.elevation, cell_m, params)[part.inner]
+    for part in seen_parts(terrain, HILLSHADE_BASELINE_CELLS * terrain.grid.cell_m):
+        light = hillshade(part.dtm.elevation, part.grid.cell_m, params)
+        yield part.own, part.own_values(light)
 
 
 def hillshade(elevation: Raster, cell_m: float, params: HillshadeParams) -> Raster:
@@ -217,7 +217,8 @@ def relief_map(terrain: Terrain, params: SlopeParams) -> tuple[Relief, MapGrid]:
     cell_m = manageable_cell_m(terrain, cell_m, params.most_cells)
     place = coarse_grid(grid, cell_m)
     layers = np.full((5, *place.shape), np.nan, np.float32)
-    for part in seen_parts(terrain, half_window(grid.shape, grid.cell_m, params.baseline_m)):
+    half = half_window(grid.shape, grid.cell_m, params.baseline_m)
+    for part in seen_parts(terrain, half * grid.cell_m):
         for whole, fine in zip(layers, relief(part.dtm, params).layers, strict=True):
             place_means(whole, place, fine[part.inner], part.grid)
     normal, sigma, rough = layers[:3], layers[3], layers[4]
