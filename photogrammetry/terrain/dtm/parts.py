@@ -23,8 +23,8 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
     CoarseRaster,
     FineRaster,
     coarse_grid,
+    coarse_means,
     finer,
-    place_means,
 )
 
 STRIP = 2
@@ -121,7 +121,8 @@ def coarse_elevation(terrain: Terrain, cell_m: float) -> tuple[CoarseRaster, Map
     coarse = coarse_grid(terrain.grid, cell_m)
     whole = np.full(coarse.shape, np.nan, np.float32)
     for part in seen_parts(terrain):
-        place_means(whole, coarse, part.dtm.elevation, part.grid)
+        own, means = coarse_means(part.dtm.elevation, part.grid, coarse)
+        whole[own] = means
     return whole, coarse
 
 

@@ -68,18 +68,20 @@ def coarsen(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRast
     if coarse is grid:
         return elevation, grid
     whole = np.full(coarse.shape, np.nan, np.float32)
-    place_means(whole, coarse, elevation, grid)
+    own, means = coarse_means(elevation, grid, coarse)
+    whole[own] = means
     return whole, coarse
 
 
-def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapGrid) -> None:
-    """Write the means of a raster's cells, or of a part of it, into larger cells.
+def coarse_means(
+    values: Raster, grid: MapGrid, coarse: MapGrid
+) -> tuple[tuple[slice, slice], CoarseRaster]:
+    """Rows and columns of a raster, or of a part of it, in larger cells, and their means.
 
     Args:
-        whole: The larger cells, changed in place.
-        coarse: Their grid.
         values: The cells; parts of a raster begin and end on whole larger cells.
-        grid: Their grid, on the same lattice; cells that are larger still are interpolated.
+        grid: Their grid; cells that are larger still are interpolated.
+        coarse: The grid of the larger cells, on the same lattice.
     """
     if grid.cell_m > coarse.cell_m:
         wide = round(grid.cell_m / coarse.cell_m)
@@ -93,7 +95,7 @@ def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapG
     after = (rows * factor - top - grid.rows, cols * factor - left - grid.cols)
     around = ((before[0], after[0]), (before[1], after[1]))
     padded = np.pad(values, around, constant_values=np.nan) if any(map(any, around)) else values
-    whole[first_row:rows, first_col:cols] = _means(padded, factor)
+    return (slice(first_row, rows), slice(first_col, cols)), _means(padded, factor)
 
 
 def _means(values: Raster, factor: int) -> CoarseRaster:

@@ -53,8 +53,9 @@ def horizons(elevation: Raster, cell_m: float, azimuths: int = AZIMUTHS) -> Hori
             tangents = _towards_the_top(facing, leaning.tolist(), cell_m)
             for azimuth, tangent in zip(some, tangents, strict=True):
                 found[azimuth] = np.rot90(tangent, -turned)
-    known = np.isfinite(elevation)
-    return np.where(known, np.maximum(found, np.float32(0)), np.float32(np.nan))
+    np.maximum(found, np.float32(0), out=found)
+    found[:, ~np.isfinite(elevation)] = np.nan
+    return found
 
 
 def _batches(
@@ -115,8 +116,10 @@ class _Shear:
             for start, part in ((first, 1 - share), (first + 1, share)):
                 total[row, start : start + self.cols] += height[row] * part
                 weight[row, start : start + self.cols] += known[row] * part
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(weight > LEAST_WEIGHT, total / weight, np.float32(np.nan))
+        known_here = weight > LEAST_WEIGHT
+        np.divide(total, weight, out=total, where=known_here)
+        total[~known_here] = np.nan
+        return total
 
     def cells(self, values: Lines) -> Raster:
         """Values of the cells from those of their two lines."""

@@ -39,6 +39,7 @@ from solmap.photogrammetry.ranges import (
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.parts import Terrain, seen_parts
+from solmap.photogrammetry.terrain.dtm.resampling import seen_window
 
 Line = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal where the line is closed."""
@@ -175,13 +176,17 @@ def _node_step(grid: MapGrid, params: ContourParams) -> int:
 def _trace(nodes: Raster, grid: MapGrid, step: int, params: ContourParams) -> tuple[Contour, ...]:
     """Contours of smoothed elevations at every `step`-th cell of a grid."""
     known = nodes[np.isfinite(nodes)]
-    if not len(known) or min(nodes.shape) < 2:  # noqa: PLR2004 - a cell has two sides
+    if not len(known):
+        return ()
+    rows, cols = seen_window(nodes)
+    nodes = nodes[rows, cols]
+    if min(nodes.shape) < 2:  # noqa: PLR2004 - a cell has two sides
         return ()
     interval_m = params.interval_m or interval_by_relief(known, params.most_contours)
     east, north = grid.centres()
     tracer: Any = contourpy.contour_generator(
-        x=east[::step],
-        y=north[::step],
+        x=east[::step][cols],
+        y=north[::step][rows],
         z=np.ma.masked_invalid(_off_the_contours(nodes, interval_m)),
         corner_mask=True,
     )

@@ -33,7 +33,7 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import (
     CoarseRaster,
     coarse_grid,
-    place_means,
+    coarse_means,
     repeat,
 )
 
@@ -106,9 +106,7 @@ def _classify_part(dtm: Dtm, factor: int, params: HazardParams) -> Classes:
     place = MapGrid(dtm.grid.west, dtm.grid.north, params.cell_m, rows, cols)
 
     def mean(layer: Raster) -> CoarseRaster:
-        whole = np.full(place.shape, np.nan, np.float32)
-        place_means(whole, place, layer, dtm.grid)
-        return whole
+        return coarse_means(layer, dtm.grid, place)[1]
 
     sigma_m = mean(dtm.sigma_m)
     if dtm.pose_sigma_m is not None:  # errors common to all cells cause no steps

@@ -110,13 +110,9 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     """
     stack = _band_stack(path, grid, bands)
     units = {name: unit if isinstance(unit, str) else unit.get(name, "") for name in bands}
-    overview_resampling = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
     kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
-    colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(stack) - 1)]
-    named = tuple(Band(n, units[n], colour=c) for n, c in zip(bands, colours, strict=True))
-    with create_cog(
-        path, grid, crs, RasterDescription(kind, named, overview_resampling, tags)
-    ) as dataset:
+    description = _described(kind, units, tags, overviews)
+    with create_cog(path, grid, crs, description) as dataset:
         for index, band in enumerate(stack, start=1):
             dataset.write(band, index)
 
@@ -124,19 +120,32 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
 def write_parts(
     path: Path,
     grid: MapGrid,
-    name: str,
-    parts: Iterable[tuple[tuple[slice, slice], Raster]],
+    units: Mapping[str, str],
+    parts: Iterable[tuple[tuple[slice, slice], Mapping[str, Raster]]],
     crs: CRS,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write one float32 band from windows (row and column slices, values).
+    """Write float32 bands from windows: rows and columns, values by the name of the band.
 
-    Cells outside all windows are NaN.
+    `units` are those of the bands. Cells outside all windows are NaN.
     """
-    band = Band(name, colour=ColorInterp.gray)
-    with create_cog(path, grid, crs, RasterDescription("float32", (band,), tags=tags)) as dataset:
-        for (rows, cols), values in parts:
-            dataset.write(values, 1, window=Window.from_slices(rows, cols))
+    with create_cog(path, grid, crs, _described("float32", units, tags)) as dataset:
+        for (rows, cols), bands in parts:
+            stack = np.stack([bands[name] for name in units])
+            dataset.write(stack, window=Window.from_slices(rows, cols))
+
+
+def _described(
+    kind: Kind,
+    units: Mapping[str, str],
+    tags: Mapping[str, str] | None,
+    overviews: OverviewResampling | None = None,
+) -> RasterDescription:
+    """Bands with their units, the first shown as grey."""
+    colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(units) - 1)]
+    bands = (Band(n, units[n], colour=c) for n, c in zip(units, colours, strict=True))
+    averaged = overviews or ("NEAREST" if _DIRECTIONS & set(units) else "AVERAGE")
+    return RasterDescription(kind, tuple(bands), averaged, tags)
 
 
 def write_classes(  # noqa: PLR0913 - the properties of one file

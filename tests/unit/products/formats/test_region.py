@@ -8,7 +8,7 @@ from solmap.photogrammetry.terrain.dtm.parts import seen_parts
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams, StopTerrain, fuse_block
 from solmap.photogrammetry.terrain.dtm.resampling import coarser_dtm
-from solmap.photogrammetry.terrain.relief.slope import SlopeParams, relief_map, slope_of
+from solmap.photogrammetry.terrain.relief.slope import SlopeParams, slope_of
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster import region
@@ -19,6 +19,7 @@ from solmap.products.formats.raster.region import (
     read_seams,
     write_region,
 )
+from tests.support.terrain.whole_relief import whole_relief
 
 CRS = local_crs(LandingPoint("a plain", 175.0, -14.5, 3_393_000.0, "assumed"))
 PARAMS = RegionParams()
@@ -134,7 +135,7 @@ def test_far_ground_is_mapped_in_cells_half_as_wide_as_its_own(sources, tmp_path
         (rows, cols), step = next((p.own, p.step) for p in seen_parts(stored) if p.step == 4)
         far = stored.part(slice(rows.start, rows.stop, step), slice(cols.start, cols.stop, step))
         whole = stored.part(rows, cols)
-        planes, grid = relief_map(stored, SlopeParams())
+        planes, grid = whole_relief(stored, SlopeParams())
     assert far.observations.sum() == pytest.approx(whole.observations.sum())
     east, north = np.meshgrid(*far.grid.centres())
     inner = (slice(2, -2), slice(2, -2))
