@@ -101,47 +101,40 @@ def create_cog(
 
     Windows that are never written take no space.
     """
-    draft, overviews = (path.with_name(f"{path.name}.draft{end}") for end in ("", ".ovr"))
+    draft = path.with_name(f"{path.name}.draft")
     profile = _profile(grid, crs, description)
     try:
         with rasterio.open(draft, "w", **profile) as dataset:
             yield dataset
             _describe(dataset, description, untied_origin(crs))
-        if max(grid.shape) > BLOCK:
-            _write_overviews(draft, overviews, profile, description.overview_resampling)
+        _write_overviews(draft, profile, Resampling[description.overview_resampling.lower()])
         copy_raster(draft, path, driver="COG", **_LOSSLESS)
     except RasterioError as error:  # GDAL only reports that writing failed
         if is_disk_full(path.parent, error):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise
     finally:
-        draft.unlink(missing_ok=True)
-        overviews.unlink(missing_ok=True)
+        for made in path.parent.glob(f"{draft.name}*"):
+            made.unlink()
 
 
-def _write_overviews(
-    draft: Path, path: Path, profile: Mapping[str, Any], method: OverviewResampling
-) -> None:
-    """Write overviews down to one block, the first from the blocks that are held.
+def _write_overviews(path: Path, profile: Mapping[str, Any], how: Resampling) -> None:
+    """Write overviews down to one block, each beside that of twice its size, as GDAL finds them.
 
-    The driver COG would compress them twice, and GDAL reads empty blocks as well.
+    They are made of blocks that are held: GDAL would average empty ones as well.
     """
-    how = Resampling[method.lower()]
-    half = {side: -(-profile[side] // 2) for side in ("height", "width")}
-    halvings = math.ceil(math.log2(max(half.values()) / BLOCK))
-    with (
-        rasterio.open(draft) as full,
-        rasterio.open(path, "w", **{**profile, **half}) as overview,
-        rasterio.Env(SPARSE_OK_OVERVIEW="TRUE"),
-    ):
-        for (row, col), window in overview.block_windows(1):
-            places = ((2 * row + down, 2 * col + right) for down in (0, 1) for right in (0, 1))
-            if any(is_held(full, *place) for place in places):
-                shape = (full.count, window.height, window.width)
-                wide = Window(*(2 * side for side in window.flatten()))
-                halved = full.read(window=wide, out_shape=shape, resampling=how)
-                overview.write(halved, window=window)
-        overview.build_overviews([2**k for k in range(1, halvings + 1)], how)
+    while max(profile["height"], profile["width"]) > BLOCK:
+        profile = {**profile, **{side: -(-profile[side] // 2) for side in ("height", "width")}}
+        half = path.with_name(f"{path.name}.half")
+        with rasterio.open(path) as full, rasterio.open(half, "w", **profile) as overview:
+            for (row, col), window in overview.block_windows(1):
+                places = ((2 * row + down, 2 * col + right) for down in (0, 1) for right in (0, 1))
+                if any(is_held(full, *place) for place in places):
+                    shape = (full.count, window.height, window.width)
+                    wide = Window(*(2 * side for side in window.flatten()))
+                    halved = full.read(window=wide, out_shape=shape, resampling=how)
+                    overview.write(halved, window=window)
+        path = half.rename(f"{path}.ovr")
 
 
 def is_held(dataset: rasterio.io.DatasetReader, row: int, col: int) -> bool:
