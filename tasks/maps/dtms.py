@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Bool
+from solmap.photogrammetry.arrays import Int32
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.parts import Terrain
 from solmap.photogrammetry.terrain.dtm.records import Dtm
@@ -26,16 +26,16 @@ class KeptDtm:
     """The terrain model of a stop in memory, in the parts of its file; its arrays are read only."""
 
     model: Dtm
-    seen: Bool[np.ndarray, "block_rows block_cols"]
+    steps: Int32[np.ndarray, "block_rows block_cols"]
 
     @property
     def grid(self) -> MapGrid:
         """Grid of the whole model."""
         return self.model.grid
 
-    def seen_blocks(self) -> Bool[np.ndarray, "block_rows block_cols"]:
-        """The blocks that its file holds."""
-        return self.seen
+    def block_steps(self) -> Int32[np.ndarray, "block_rows block_cols"]:
+        """1 for the blocks that its file holds, 0 for others."""
+        return self.steps
 
     def part(self, rows: slice, cols: slice) -> Dtm:
         """A window of the model."""
@@ -47,7 +47,7 @@ def _read(dtm: ProductRef, store: ProductStore) -> KeptDtm:
     with open_dtm(store.path(dtm)) as stored:
         rows, cols = stored.grid.shape
         model = stored.part(slice(0, rows), slice(0, cols))
-        kept = KeptDtm(model, stored.seen_blocks())
+        kept = KeptDtm(model, stored.block_steps())
     for array in (model.elevation, model.sigma_m, model.observations, model.ground):
         array.setflags(write=False)
     if model.pose_sigma_m is not None:

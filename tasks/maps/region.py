@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
-from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
+from solmap.photogrammetry.terrain.dtm.region_dtm import CELLS_ALONG_FAR, RegionParams
 from solmap.photogrammetry.terrain.orthophoto.merging import MergingParams
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import grid_of, open_raster
@@ -44,7 +44,7 @@ def fuse_region(
     inputs = tuple(sorted(stops))
     scope = part_scope(mission, min(ref.scope for ref in inputs))
     model, seams = (
-        Recipe(kind, scope, inputs, (params, landing))
+        Recipe(kind, scope, inputs, (params, CELLS_ALONG_FAR, landing))
         for kind in (ProductKind.REGION_DTM, ProductKind.REGION_SEAMS)
     )
     with TemporaryDirectory(prefix="solmap-region-") as scratch:

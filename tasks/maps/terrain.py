@@ -9,6 +9,7 @@ from pathlib import Path
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.parts import Window
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain
 from solmap.photogrammetry.terrain.relief.contours import ContourParams, trace_terrain
@@ -19,15 +20,11 @@ from solmap.photogrammetry.terrain.relief.slope import (
     aspect_of,
     hillshade_parts,
     northerly_tilt_of,
-    relief_map,
+    relief_parts,
     slope_of,
 )
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import (
-    write_dtm,
-    write_parts,
-    write_raster,
-)
+from solmap.products.formats.raster.raster import write_dtm, write_parts
 from solmap.products.formats.vector.geojson import contour_feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
@@ -38,19 +35,19 @@ from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
 Bands = Mapping[str, Raster]
-RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
+RELIEF: Mapping[ProductKind, tuple[Mapping[str, str], Callable[[Relief], Bands]]] = {
     ProductKind.SLOPE: (
-        "degree",
+        {"slope": "degree", "standard_deviation": "degree"},
         lambda r: {"slope": slope_of(r.normal), "standard_deviation": r.slope_sigma_deg},
     ),
-    ProductKind.ASPECT: ("degree", lambda r: {"aspect": aspect_of(r.normal)}),
+    ProductKind.ASPECT: ({"aspect": "degree"}, lambda r: {"aspect": aspect_of(r.normal)}),
     ProductKind.NORTHERLY_TILT: (
-        "degree",
+        {"northerly_tilt": "degree"},
         lambda r: {"northerly_tilt": northerly_tilt_of(r.normal)},
     ),
-    ProductKind.ROUGHNESS: ("m", lambda r: {"roughness": r.roughness_m}),
+    ProductKind.ROUGHNESS: ({"roughness": "m"}, lambda r: {"roughness": r.roughness_m}),
 }
-"""Maps derived from the planes over one baseline: kind, unit and bands."""
+"""Maps derived from the planes over one baseline: kind, units of bands, and bands."""
 
 
 @stage(task_run_name="dtm-{stop}")
@@ -97,18 +94,20 @@ def map_relief(
     """Map slope, aspect, northerly tilt and roughness."""
 
     @cache
-    def fit_relief() -> tuple[Relief, MapGrid]:
+    def fit_relief() -> tuple[list[tuple[Window, Relief]], MapGrid]:
         with terrain_of(dtm, store) as terrain:
-            return relief_map(terrain, params)
+            return relief_parts(terrain, params)
 
-    def make_map(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
+    def make_map(
+        kind: ProductKind, units: Mapping[str, str], bands_of: Callable[[Relief], Bands]
+    ) -> ProductRef:
         recipe = Recipe(dtm.map_kind(kind), dtm.scope, (dtm,), (params, landing))
 
         def write(path: Path) -> None:
             planes, grid = fit_relief()
             tags = {"BASELINE_M": f"{params.baseline_m:g}", **raster_tags(recipe, store)}
-            crs = local_crs(landing)
-            write_raster(path, grid, bands_of(planes), crs, unit=unit, tags=tags)
+            parts = ((own, bands_of(part)) for own, part in planes)
+            write_parts(path, grid, units, parts, local_crs(landing), tags)
 
         return store.make(recipe, write)
 
@@ -125,7 +124,7 @@ def shade_relief(
     def write(path: Path) -> None:
         crs, tags = local_crs(landing), raster_tags(recipe, store)
         with terrain_of(dtm, store) as terrain:
-            parts = hillshade_parts(terrain, params)
-            write_parts(path, terrain.grid, "hillshade", parts, crs, tags)
+            parts = ((own, {"hillshade": light}) for own, light in hillshade_parts(terrain, params))
+            write_parts(path, terrain.grid, {"hillshade": ""}, parts, crs, tags)
 
     return store.make(recipe, write)

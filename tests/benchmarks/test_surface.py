@@ -26,7 +26,7 @@ from solmap.photogrammetry.terrain.insolation.maps import (
     winter_havens,
 )
 from solmap.photogrammetry.terrain.relief.contours import ContourParams, trace_contours
-from solmap.photogrammetry.terrain.relief.slope import SlopeParams, relief_map
+from solmap.photogrammetry.terrain.relief.slope import SlopeParams, relief_parts
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
 from solmap.photogrammetry.terrain.visibility.viewshed import (
     Sight,
@@ -65,7 +65,7 @@ def coarse(dtm):
 
 
 def test_slope_with_its_deviation_tilt_and_roughness(benchmark, dtm):
-    benchmark.pedantic(relief_map, args=(dtm, SlopeParams()), rounds=3)
+    benchmark.pedantic(relief_parts, args=(dtm, SlopeParams()), rounds=3)
     benchmark.extra_info["million cells a second"] = (
         dtm.elevation.size / benchmark.stats["mean"] / 1e6
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -115,6 +115,17 @@ class MapGrid:
         row = math.floor((self.north - north) / self.cell_m)
         col = math.floor((east - self.west) / self.cell_m)
         return (row, col) if 0 <= row < self.rows and 0 <= col < self.cols else None
+
+    def window(self, rows: slice, cols: slice) -> MapGrid:
+        """The grid of a window of this one; with a step, in cells that many times as wide."""
+        step = rows.step or 1
+        shape = (-(-(side.stop - side.start) // step) for side in (rows, cols))
+        return replace(self.part(rows.start, cols.start, *shape), cell_m=self.cell_m * step)
+
+    def divided(self, factor: int) -> MapGrid:
+        """The grid of `factor` times finer cells."""
+        size = (self.cell_m / factor, self.rows * factor, self.cols * factor)
+        return MapGrid(self.west, self.north, *size)
 
     def part(self, row: int, col: int, rows: int, cols: int) -> MapGrid:
         """The grid of a window of this one."""

@@ -1,25 +1,36 @@
 """Terrain models in parts: those that hold elevations, with the margin that a window needs.
 
-A region with far ground has fifty million cells, few of which are known. What is computed from it
-part by part takes memory and time for these only.
+A region with far ground has fifty million cells, few of which are known, and most of these repeat
+larger ones. What is computed from it part by part takes memory and time for the known ones only, in
+cells that show all there is.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Bool
+from solmap.photogrammetry.arrays import Int32, Raster
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import CoarseRaster, coarse_grid, place_means
+from solmap.photogrammetry.terrain.dtm.resampling import (
+    CoarseRaster,
+    FineRaster,
+    coarse_grid,
+    coarse_means,
+    finer,
+)
 
 STRIP = 2
 """Rows of blocks in a part: 35 MB at a stop's width."""
+TINY = 1e-9
+"""Rounding of a margin in cells."""
 Window = tuple[slice, slice]
 """Rows and columns."""
 
@@ -33,12 +44,12 @@ class Terrain(Protocol):
         """Grid of the whole model."""
         ...
 
-    def seen_blocks(self) -> Bool[np.ndarray, "block_rows block_cols"]:
-        """The blocks that may hold elevations."""
+    def block_steps(self) -> Int32[np.ndarray, "block_rows block_cols"]:
+        """Side of the largest cells that show all of a block, in cells; 0 without elevations."""
         ...
 
     def part(self, rows: slice, cols: slice) -> Dtm:
-        """A window of the model."""
+        """A window of the model; with a step, in cells that many times as wide."""
         ...
 
 
@@ -51,40 +62,58 @@ class Part:
     inner: Window
     """Place of the block in `dtm`."""
     dtm: Dtm
+    step: int
+    """Side of the cells of `dtm`, in cells of the whole model."""
 
     @property
     def grid(self) -> MapGrid:
-        """The grid of its own cells."""
-        (rows, cols) = self.inner
-        shape = (rows.stop - rows.start, cols.stop - cols.start)
-        return self.dtm.grid.part(rows.start, cols.start, *shape)
+        """The grid of its own part of `dtm`."""
+        return self.dtm.grid.window(*self.inner)
+
+    def own_values(self, values: Raster) -> FineRaster:
+        """Its own cells of the whole model, of values in those of `dtm`."""
+        rows, cols = (slice(side.start * self.step, side.stop * self.step) for side in self.inner)
+        return finer(values, self.step)[rows, cols]
 
 
-def seen_parts(terrain: Terrain, margin: int = 0) -> Iterator[Part]:
-    """The parts that together hold all elevations, with `margin` cells around each.
+def seen_parts(terrain: Terrain, margin_m: float = 0.0) -> Iterator[Part]:
+    """The parts that together hold all elevations, with a margin around each.
 
     A part is a run of blocks in some rows; it begins and ends on whole blocks.
     """
-    (rows, cols), seen = terrain.grid.shape, terrain.seen_blocks()
-    for first in range(0, len(seen), STRIP):
+    (rows, cols), steps = terrain.grid.shape, terrain.block_steps()
+    for first in range(0, len(steps), STRIP):
         top, bottom = first * BLOCK, min((first + STRIP) * BLOCK, rows)
-        for start, stop in _runs(np.any(seen[first : first + STRIP], axis=0)):
+        for start, stop, step in _runs(_finest(steps[first : first + STRIP])):
             left, right = start * BLOCK, min(stop * BLOCK, cols)
+            margin = step * math.ceil(margin_m / (step * terrain.grid.cell_m) - TINY)
             above, before = max(0, top - margin), max(0, left - margin)
             around = (
-                slice(above, min(bottom + margin, rows)),
-                slice(before, min(right + margin, cols)),
+                slice(above, min(bottom + margin, rows), step),
+                slice(before, min(right + margin, cols), step),
             )
             dtm = terrain.part(*around)
-            inner = slice(top - above, bottom - above), slice(left - before, right - before)
+            inner = (
+                slice((top - above) // step, -((above - bottom) // step)),
+                slice((left - before) // step, -((before - right) // step)),
+            )
             if np.isfinite(dtm.elevation[inner]).any():
-                yield Part((slice(top, bottom), slice(left, right)), inner, dtm)
+                yield Part((slice(top, bottom), slice(left, right)), inner, dtm, step)
 
 
-def _runs(flags: Bool[np.ndarray, " n"]) -> Iterator[tuple[int, int]]:
-    """Start and end of every run of true flags."""
-    changes = np.flatnonzero(np.diff(np.r_[False, flags, False])).tolist()
-    return zip(changes[::2], changes[1::2], strict=True)
+def _finest(steps: Int32[np.ndarray, "block_rows block_cols"]) -> Int32[np.ndarray, " block_cols"]:
+    """The finest steps in some rows of blocks; 0 where none has an elevation."""
+    unseen = np.iinfo(steps.dtype).max
+    finest = np.where(steps > 0, steps, unseen).min(axis=0)
+    return np.where(finest < unseen, finest, 0)
+
+
+def _runs(steps: Int32[np.ndarray, " n"]) -> Iterator[tuple[int, int, int]]:
+    """Start, end and step of every run of equal steps above 0."""
+    ends = np.flatnonzero(np.diff(np.r_[0, steps, 0])).tolist()
+    for start, stop in pairwise(ends):
+        if steps[start]:
+            yield start, stop, int(steps[start])
 
 
 def coarse_elevation(terrain: Terrain, cell_m: float) -> tuple[CoarseRaster, MapGrid]:
@@ -92,7 +121,8 @@ def coarse_elevation(terrain: Terrain, cell_m: float) -> tuple[CoarseRaster, Map
     coarse = coarse_grid(terrain.grid, cell_m)
     whole = np.full(coarse.shape, np.nan, np.float32)
     for part in seen_parts(terrain):
-        place_means(whole, coarse, part.dtm.elevation, part.grid)
+        own, means = coarse_means(part.dtm.elevation, part.grid, coarse)
+        whole[own] = means
     return whole, coarse
 
 
@@ -119,8 +149,8 @@ def _span(part: Part) -> tuple[int, int, int, int]:
     rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
     top, left = part.own[0].start, part.own[1].start
     return (
-        top + int(rows[0]),
-        left + int(cols[0]),
-        top + int(rows[-1]) + 1,
-        left + int(cols[-1]) + 1,
+        top + int(rows[0]) * part.step,
+        left + int(cols[0]) * part.step,
+        top + (int(rows[-1]) + 1) * part.step,
+        left + (int(cols[-1]) + 1) * part.step,
     )

@@ -8,10 +8,10 @@ from enum import IntEnum
 import numpy as np
 
 from solmap.photogrammetry.arrays import (
-    Bool,
     Classes,
     Float64,
     GreyImage,
+    Int32,
     Mask,
     ParallaxMap,
     Raster,
@@ -85,19 +85,18 @@ class Dtm:
                     f"the {name} of a DTM of {self.grid.shape} cells is {layer.shape}"
                 )
 
-    def seen_blocks(self) -> Bool[np.ndarray, "block_rows block_cols"]:
-        """The blocks with an elevation."""
+    def block_steps(self) -> Int32[np.ndarray, "block_rows block_cols"]:
+        """1 for the blocks with an elevation, 0 for others."""
         rows, cols = (np.arange(0, count, BLOCK) for count in self.grid.shape)
-        known = np.isfinite(self.elevation)
-        return np.logical_or.reduceat(np.logical_or.reduceat(known, rows, axis=0), cols, axis=1)
+        known = np.isfinite(self.elevation).astype(np.int32)
+        return np.maximum.reduceat(np.maximum.reduceat(known, rows, axis=0), cols, axis=1)
 
     def part(self, rows: slice, cols: slice) -> Dtm:
         """A window of the model, inside its grid."""
         own = (rows, cols)
         pose = None if self.pose_sigma_m is None else self.pose_sigma_m[own]
-        size = (rows.stop - rows.start, cols.stop - cols.start)
         return Dtm(
-            self.grid.part(rows.start, cols.start, *size),
+            self.grid.window(rows, cols),
             self.elevation[own],
             self.sigma_m[own],
             self.observations[own],

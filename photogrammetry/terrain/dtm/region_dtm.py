@@ -16,6 +16,8 @@ treated as fully correlated:
 where c >= 1 is the ratio of the stops' disagreement to their standard deviations. The disagreement
 is also a separate layer. Ground that no stop has mapped is OCCLUDED where some stop marks it so.
 
+Where there is far ground only, it is fused in its own larger cells and interpolated.
+
 Stops are grouped into regions in the order of the traverse. A stop joins the region before it when
 its ground overlaps that of one of the region's stops and the region does not grow beyond the
 largest side; else a new region begins. So a longer traverse changes the last region at most.
@@ -28,7 +30,7 @@ percentile from these counts is accurate to one percent.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import cv2
@@ -39,7 +41,7 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.ranges import MOST_SIDE, CellSize, Metres
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid, overlap, union
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import merge_classes
+from solmap.photogrammetry.terrain.dtm.resampling import finer_dtm, merge_classes, repeat
 
 NO_STOP = np.float32(np.nan)
 LEAST_TAPER = 0.01
@@ -51,6 +53,9 @@ TINY_M2 = 1e-8
 
 Stack = Float32[np.ndarray, "stops rows cols"]
 Places = Float32[np.ndarray, "stops 2"]
+CELLS_ALONG_FAR = 2
+"""Cells of maps along one of far ground, where nothing finer is known: half as wide, they show what
+is interpolated between its cells."""
 LEAST, GROWTH, CLASSES = 1e-4, 1.02, 800
 """From a tenth of a millimetre to beyond a hundred metres; the same numbers are used for sigmas."""
 
@@ -81,6 +86,11 @@ class RegionParams:
     def halo(self) -> int:
         """Margin of a block in cells on which its own cells depend."""
         return int(np.ceil((self.feather_m + 2 * HOLES_M) / self.cell_m)) + 1
+
+    def wider(self, factor: int) -> RegionParams:
+        """The same in cells `factor` times as wide."""
+        cell_m = self.cell_m * factor
+        return replace(self, cell_m=cell_m, feather_m=max(self.feather_m, cell_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,6 +146,12 @@ def fuse_block(stops: Sequence[StopTerrain], params: RegionParams) -> RegionBloc
     )
     seam_m, seam_sigmas = _seams(height, own + np.square(pose))
     return RegionBlock(dtm, _nearest(stops, known, grid), seam_m, seam_sigmas)
+
+
+def finer_block(block: RegionBlock, factor: int) -> RegionBlock:
+    """The same in `factor` times finer cells."""
+    rest = (block.nearest, block.seam_m, block.seam_sigmas)
+    return RegionBlock(finer_dtm(block.dtm, factor), *(repeat(layer, factor) for layer in rest))
 
 
 def _stack(layers: Sequence[Raster]) -> Stack:
@@ -233,13 +249,20 @@ class SeamCounter:
 
     counts: dict[tuple[int, int], _Counts] = field(default_factory=dict)
 
-    def add(self, stops: Sequence[StopTerrain], inside: tuple[slice, slice]) -> None:
-        """Count the cells `inside` a block."""
+    def add(
+        self, stops: Sequence[StopTerrain], inside: tuple[slice, slice], times: int = 1
+    ) -> None:
+        """Count the cells `inside` a block, each so many `times`."""
         for one, other in combinations(stops, 2):
-            self._add((one.number, other.number), one.dtm, other.dtm, inside)
+            self._add((one.number, other.number), one.dtm, other.dtm, inside, times)
 
     def _add(
-        self, pair: tuple[int, int], one: Dtm, other: Dtm, inside: tuple[slice, slice]
+        self,
+        pair: tuple[int, int],
+        one: Dtm,
+        other: Dtm,
+        inside: tuple[slice, slice],
+        times: int,
     ) -> None:
         apart = other.elevation[inside] - one.elevation[inside]
         both = np.isfinite(apart)
@@ -248,9 +271,9 @@ class SeamCounter:
         apart = apart[both]
         sigma = np.hypot(one.sigma_m[inside][both], other.sigma_m[inside][both])
         counts = self.counts.setdefault(pair, _Counts())
-        counts.signed_m += float(apart.sum(dtype=np.float64))
-        counts.metres += _histogram(np.abs(apart))
-        counts.sigmas += _histogram(np.abs(apart) / sigma)
+        counts.signed_m += times * float(apart.sum(dtype=np.float64))
+        counts.metres += times * _histogram(np.abs(apart))
+        counts.sigmas += times * _histogram(np.abs(apart) / sigma)
 
     def seams(self) -> tuple[Seam, ...]:
         """The disagreement of every two stops with common ground."""

@@ -26,6 +26,8 @@ from solmap.photogrammetry.terrain.kernels import values_between
 
 CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""
+FineRaster = Float32[np.ndarray, "fine_rows fine_cols"]
+"""Values of smaller cells."""
 LEAST_SHARE = 0.25
 """Least fraction of a coarse cell's area with elevations: one row of 4 x 4 cells."""
 MapPoints = Float64[np.ndarray, "n 2"]
@@ -65,19 +67,24 @@ def coarsen(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRast
     if coarse is grid:
         return elevation, grid
     whole = np.full(coarse.shape, np.nan, np.float32)
-    place_means(whole, coarse, elevation, grid)
+    own, means = coarse_means(elevation, grid, coarse)
+    whole[own] = means
     return whole, coarse
 
 
-def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapGrid) -> None:
-    """Write the means of a raster's cells, or of a part of it, into larger cells.
+def coarse_means(
+    values: Raster, grid: MapGrid, coarse: MapGrid
+) -> tuple[tuple[slice, slice], CoarseRaster]:
+    """Rows and columns of a raster, or of a part of it, in larger cells, and their means.
 
     Args:
-        whole: The larger cells, changed in place.
-        coarse: Their grid.
         values: The cells; parts of a raster begin and end on whole larger cells.
-        grid: Their grid, on the same lattice.
+        grid: Their grid; cells that are larger still are interpolated.
+        coarse: The grid of the larger cells, on the same lattice.
     """
+    if grid.cell_m > coarse.cell_m:
+        wide = round(grid.cell_m / coarse.cell_m)
+        values, grid = finer(values, wide), grid.divided(wide)
     factor = round(coarse.cell_m / grid.cell_m)
     top = round((coarse.north - grid.north) / grid.cell_m)
     left = round((grid.west - coarse.west) / grid.cell_m)
@@ -87,16 +94,15 @@ def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapG
     after = (rows * factor - top - grid.rows, cols * factor - left - grid.cols)
     around = ((before[0], after[0]), (before[1], after[1]))
     padded = np.pad(values, around, constant_values=np.nan) if any(map(any, around)) else values
-    whole[first_row:rows, first_col:cols] = _means(padded, factor)
+    return (slice(first_row, rows), slice(first_col, cols)), _means(padded, factor)
 
 
 def _means(values: Raster, factor: int) -> CoarseRaster:
     """Means over blocks of `factor` x `factor` cells; NaN where too few are known."""
     known = np.isfinite(values)
     level = np.float32(np.mean(values[known], dtype=np.float64)) if known.any() else np.float32(0)
-    size = (values.shape[1] // factor, values.shape[0] // factor)
     share, total = (
-        cv2.resize(part, size, interpolation=cv2.INTER_AREA)
+        _shrink(part, factor)
         for part in (known.astype(np.float32), np.where(known, values - level, np.float32(0)))
     )
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -183,48 +189,54 @@ def coarser_dtm(dtm: Dtm, factor: int) -> Dtm:
     grid = dtm.grid
     if grid.rows % factor or grid.cols % factor:
         raise TerrainError(f"{grid.shape} cells cannot be joined {factor} by {factor}")
-    known = _parts(np.isfinite(dtm.elevation), factor)
-    count = known.sum(axis=(1, 3))
+    known = np.isfinite(dtm.elevation)
+    share = _shrink(known.astype(np.float32), factor)
 
-    def mean(layer: np.ndarray) -> np.ndarray:
-        sums = np.where(known, _parts(layer, factor), 0).sum(axis=(1, 3))
+    def mean(layer: Raster) -> CoarseRaster:
         with np.errstate(invalid="ignore", divide="ignore"):
-            return (sums / count).astype(np.float32)
+            return _shrink(np.where(known, layer, np.float32(0)), factor) / share
 
     pose = None if dtm.pose_sigma_m is None else mean(dtm.pose_sigma_m)
-    parts = _parts(dtm.ground, factor)
-    quarters = [parts[:, i, :, j] for i in range(factor) for j in range(factor)]
     return Dtm(
-        MapGrid(grid.west, grid.north, grid.cell_m * factor, *count.shape),
+        grid.window(slice(0, grid.rows, factor), slice(0, grid.cols, factor)),
         mean(dtm.elevation),
         np.sqrt(mean(np.square(dtm.sigma_m))),
-        _parts(dtm.observations, factor).sum(axis=(1, 3)),
-        merge_classes(quarters),
+        _shrink(dtm.observations, factor) * np.float32(factor**2),
+        merge_classes([dtm.ground[i::factor, j::factor] for i, j in np.ndindex(factor, factor)]),
         pose,
     )
 
 
 def finer_dtm(dtm: Dtm, factor: int) -> Dtm:
-    """A terrain model with `factor` times finer cells; elevations are interpolated bilinearly."""
-
-    def repeat(layer: np.ndarray) -> np.ndarray:
-        return layer.repeat(factor, axis=0).repeat(factor, axis=1)
-
-    grid = dtm.grid
-    wide = (grid.cols * factor, grid.rows * factor)
-    smooth = cv2.resize(dtm.elevation, wide, interpolation=cv2.INTER_LINEAR)
-    elevation = repeat(dtm.elevation)
-    elevation = np.where(np.isfinite(smooth), smooth, elevation)
+    """A terrain model with `factor` times finer cells; elevations are interpolated."""
+    if factor == 1:
+        return dtm
     return Dtm(
-        MapGrid(grid.west, grid.north, grid.cell_m / factor, wide[1], wide[0]),
-        elevation,
-        repeat(dtm.sigma_m),
-        repeat(dtm.observations) / np.float32(factor**2),
-        repeat(dtm.ground),
-        None if dtm.pose_sigma_m is None else repeat(dtm.pose_sigma_m),
+        dtm.grid.divided(factor),
+        finer(dtm.elevation, factor),
+        repeat(dtm.sigma_m, factor),
+        repeat(dtm.observations, factor) / np.float32(factor**2),
+        repeat(dtm.ground, factor),
+        None if dtm.pose_sigma_m is None else repeat(dtm.pose_sigma_m, factor),
     )
 
 
-def _parts(layer: np.ndarray, factor: int) -> np.ndarray:
-    rows, cols = layer.shape
-    return layer.reshape(rows // factor, factor, cols // factor, factor)
+def finer(values: Raster, factor: int) -> FineRaster:
+    """Values in `factor` times finer cells: bilinear between known ones, the same beside gaps."""
+    if factor == 1:
+        return values
+    rows, cols = values.shape
+    size = (cols * factor, rows * factor)
+    smooth = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+    return np.where(np.isfinite(smooth), smooth, repeat(values, factor))
+
+
+def repeat(layer: np.ndarray, factor: int) -> np.ndarray:
+    """Values in `factor` times finer cells, each that of the cell that it lies in."""
+    return layer.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def _shrink(values: Raster, factor: int) -> CoarseRaster:
+    """Means over blocks of `factor` x `factor` cells."""
+    size = (values.shape[1] // factor, values.shape[0] // factor)
+    return cv2.resize(values, size, interpolation=cv2.INTER_AREA)

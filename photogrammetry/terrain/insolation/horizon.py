@@ -46,7 +46,9 @@ def horizons(elevation: Raster, cell_m: float, azimuths: int = AZIMUTHS) -> Hori
         for azimuth in lying:
             leaning = turns[azimuth] - quarter[azimuth] * (math.pi / 2)
             found[azimuth] = np.rot90(_towards_the_top(facing, leaning, cell_m), -turned)
-    return np.where(known, np.maximum(found, np.float32(0)), np.float32(np.nan))
+    np.maximum(found, np.float32(0), out=found)
+    found[:, ~known] = np.nan
+    return found
 
 
 def _towards_the_top(elevation: Raster, leaning: float, cell_m: float) -> Raster:

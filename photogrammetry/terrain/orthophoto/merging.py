@@ -66,24 +66,28 @@ def merge_block(
     stops: Sequence[StopImagery], grid: MapGrid, params: MergingParams
 ) -> Float32[np.ndarray, "rows cols"]:
     """Brightness of a block, all of whose stops have its grid; NaN where no stop has any."""
-    worth = np.stack([_worth(stop, grid, params) for stop in stops])
-    greatest = worth.max(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = (worth / greatest) ** np.float32(SHARPNESS)
-    share[~(share >= LEAST_SHARE)] = 0
-    total = share.sum(axis=0)
-    merged = np.zeros(grid.shape, np.float32)
-    for part, stop in zip(share, stops, strict=True):
-        cv2.accumulateProduct(np.nan_to_num(stop.brightness), part, merged)
+    if len(stops) == 1:
+        return stops[0].brightness
+    worth = [_worth(stop, grid, params) for stop in stops]
+    greatest = np.maximum.reduce(worth)
+    total, merged = (np.zeros(grid.shape, np.float32) for _ in range(2))
+    for stop, own in zip(stops, worth, strict=True):
+        with np.errstate(invalid="ignore"):
+            share = cv2.pow(own / greatest, SHARPNESS)
+        share[~(share >= LEAST_SHARE)] = 0
+        total += share
+        cv2.accumulateProduct(np.nan_to_num(stop.brightness), share, merged)
     return np.where(greatest > 0, merged / np.maximum(total, LEAST_SHARE), np.float32(np.nan))
 
 
 def _worth(stop: StopImagery, grid: MapGrid, params: MergingParams) -> Raster:
     shown = np.isfinite(stop.brightness)
-    east, north = grid.centres()
-    square = np.square(east[None, :] - stop.place[0]) + np.square(north[:, None] - stop.place[1])
+    away = (axis - middle for axis, middle in zip(grid.centres(), stop.place, strict=True))
+    east_m2, north_m2 = (np.square(axis).astype(np.float32) for axis in away)
+    square = east_m2[None, :] + north_m2[:, None]
     hole = np.ones((2 * round(HOLES_M / 2 / params.cell_m) + 1,) * 2, np.uint8)
     area = cv2.morphologyEx(shown.astype(np.uint8), cv2.MORPH_CLOSE, hole)
     inside = cv2.distanceTransform(area, cv2.DIST_L2, 3) * np.float32(params.cell_m)
     fade = np.clip(inside / np.float32(params.feather_m), 0, 1)
-    return np.where(shown, fade / np.maximum(square, NEAREST_M**2), 0).astype(np.float32)
+    fade[~shown] = 0
+    return fade / np.maximum(square, np.float32(NEAREST_M**2))

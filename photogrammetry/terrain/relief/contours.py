@@ -39,6 +39,7 @@ from solmap.photogrammetry.ranges import (
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.parts import Terrain, seen_parts
+from solmap.photogrammetry.terrain.dtm.resampling import seen_window
 
 Line = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal where the line is closed."""
@@ -149,12 +150,12 @@ def trace_terrain(terrain: Terrain, params: ContourParams) -> tuple[Contour, ...
     grid, step = terrain.grid, _node_step(terrain.grid, params)
     nodes = np.full([-(-count // step) for count in grid.shape], np.nan, np.float32)
     margin = math.ceil(REACH_SIGMAS * params.smoothing_m / grid.cell_m) + 1
-    for part in seen_parts(terrain, margin):
+    for part in seen_parts(terrain, margin * grid.cell_m):
         smooth = smooth_elevation(
-            part.dtm.elevation, grid.cell_m, params.smoothing_m, params.min_share
-        )[part.inner]
+            part.dtm.elevation, part.grid.cell_m, params.smoothing_m, params.min_share
+        )
         down, right = (-side.start % step for side in part.own)
-        own = smooth[down::step, right::step]
+        own = part.own_values(smooth)[down::step, right::step]
         row, col = (-(-side.start // step) for side in part.own)
         nodes[row : row + own.shape[0], col : col + own.shape[1]] = own
     return _trace(nodes, grid, step, params)
@@ -175,13 +176,17 @@ def _node_step(grid: MapGrid, params: ContourParams) -> int:
 def _trace(nodes: Raster, grid: MapGrid, step: int, params: ContourParams) -> tuple[Contour, ...]:
     """Contours of smoothed elevations at every `step`-th cell of a grid."""
     known = nodes[np.isfinite(nodes)]
-    if not len(known) or min(nodes.shape) < 2:  # noqa: PLR2004 - a cell has two sides
+    if not len(known):
+        return ()
+    rows, cols = seen_window(nodes)
+    nodes = nodes[rows, cols]
+    if min(nodes.shape) < 2:  # noqa: PLR2004 - a cell has two sides
         return ()
     interval_m = params.interval_m or interval_by_relief(known, params.most_contours)
     east, north = grid.centres()
     tracer: Any = contourpy.contour_generator(
-        x=east[::step],
-        y=north[::step],
+        x=east[::step][cols],
+        y=north[::step][rows],
         z=np.ma.masked_invalid(_off_the_contours(nodes, interval_m)),
         corner_mask=True,
     )

@@ -46,13 +46,14 @@ from solmap.photogrammetry.ranges import (
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.parts import (
+    Part,
     Terrain,
     Window,
     manageable_cell_m,
     seen_parts,
 )
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import coarse_grid, place_means
+from solmap.photogrammetry.terrain.dtm.resampling import coarse_grid, coarse_means
 
 CORRELATION_M = 0.15
 """Least correlation length of neighbouring cells, even at short range: remaining errors of lens,
@@ -135,9 +136,9 @@ def _of_known(normal: Normals, angle: Callable[[np.ndarray], np.ndarray]) -> Ras
 
 def hillshade_parts(terrain: Terrain, params: HillshadeParams) -> Iterator[tuple[Window, Raster]]:
     """The brightness of a terrain model part by part, and where each part lies."""
-    cell_m = terrain.grid.cell_m
-    for part in seen_parts(terrain, HILLSHADE_BASELINE_CELLS):
-        yield part.own, hillshade(part.dtm.elevation, cell_m, params)[part.inner]
+    for part in seen_parts(terrain, HILLSHADE_BASELINE_CELLS * terrain.grid.cell_m):
+        light = hillshade(part.dtm.elevation, part.grid.cell_m, params)
+        yield part.own, part.own_values(light)
 
 
 def hillshade(elevation: Raster, cell_m: float, params: HillshadeParams) -> Raster:
@@ -206,20 +207,25 @@ def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
         return np.clip(np.float32(params.correlation_px**2) / points, least, most)
 
 
-def relief_map(terrain: Terrain, params: SlopeParams) -> tuple[Relief, MapGrid]:
-    """The same as means over cells of at least `params.cell_m`, and their grid.
-
-    Parts of the model are processed one after the other, so that a region takes no more memory
-    than its map.
-    """
+def relief_parts(
+    terrain: Terrain, params: SlopeParams
+) -> tuple[list[tuple[Window, Relief]], MapGrid]:
+    """The same as means over cells of at least `params.cell_m`, part by part, and their grid."""
     grid = terrain.grid
     cell_m = max(grid.cell_m, params.cell_m)
     cell_m = manageable_cell_m(terrain, cell_m, params.most_cells)
     place = coarse_grid(grid, cell_m)
-    layers = np.full((5, *place.shape), np.nan, np.float32)
-    for part in seen_parts(terrain, half_window(grid.shape, grid.cell_m, params.baseline_m)):
-        for whole, fine in zip(layers, relief(part.dtm, params).layers, strict=True):
-            place_means(whole, place, fine[part.inner], part.grid)
-    normal, sigma, rough = layers[:3], layers[3], layers[4]
+    half = half_window(grid.shape, grid.cell_m, params.baseline_m)
+    return [
+        _mean_relief(part, relief(part.dtm, params), place)
+        for part in seen_parts(terrain, half * grid.cell_m)
+    ], place
+
+
+def _mean_relief(part: Part, fine: Relief, place: MapGrid) -> tuple[Window, Relief]:
+    """Relief in larger cells, and where they lie."""
+    means = [coarse_means(layer[part.inner], part.grid, place) for layer in fine.layers]
+    (own, _), (north, east, down, sigma, rough) = means[0], (mean for _, mean in means)
+    normal = np.stack([north, east, down])
     normal /= np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    return Relief(normal, sigma, rough), place
+    return own, Relief(normal, sigma, rough)

@@ -30,7 +30,12 @@ from solmap.photogrammetry.ranges import CellSize, Metres, Share, ShortMetres, S
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.parts import Terrain, seen_parts
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import CoarseRaster, coarse_grid, place_means
+from solmap.photogrammetry.terrain.dtm.resampling import (
+    CoarseRaster,
+    coarse_grid,
+    coarse_means,
+    repeat,
+)
 
 
 class Hazard(IntEnum):
@@ -81,15 +86,16 @@ class HazardParams:
 def hazards(terrain: Terrain, params: HazardParams) -> tuple[Classes, MapGrid]:
     """A `Hazard` for every cell of a coarser grid, and that grid."""
     grid = coarse_grid(terrain.grid, params.cell_m)
-    params, factor = replace(params, cell_m=grid.cell_m), round(grid.cell_m / terrain.grid.cell_m)
-    margin = math.ceil(params.window_m / params.cell_m)  # a step half a window off, and its plane
+    margin = math.ceil(params.window_m / grid.cell_m)  # a step half a window off, and its plane
     codes = np.zeros(grid.shape, np.uint8)
-    for part in seen_parts(terrain, margin * factor):
-        found = _classify_part(part.dtm, factor, params)
+    for part in seen_parts(terrain, margin * grid.cell_m):
+        cell_m = max(grid.cell_m, part.grid.cell_m)
+        factor = round(cell_m / part.grid.cell_m)
+        found = _classify_part(part.dtm, factor, replace(params, cell_m=cell_m))
         inner = tuple(slice(side.start // factor, -(-side.stop // factor)) for side in part.inner)
         row = round((grid.north - part.grid.north) / grid.cell_m)
         col = round((part.grid.west - grid.west) / grid.cell_m)
-        own = found[inner]
+        own = repeat(found[inner], round(cell_m / grid.cell_m))
         codes[row : row + len(own), col : col + own.shape[1]] = own
     return codes, grid
 
@@ -100,9 +106,7 @@ def _classify_part(dtm: Dtm, factor: int, params: HazardParams) -> Classes:
     place = MapGrid(dtm.grid.west, dtm.grid.north, params.cell_m, rows, cols)
 
     def mean(layer: Raster) -> CoarseRaster:
-        whole = np.full(place.shape, np.nan, np.float32)
-        place_means(whole, place, layer, dtm.grid)
-        return whole
+        return coarse_means(layer, dtm.grid, place)[1]
 
     sigma_m = mean(dtm.sigma_m)
     if dtm.pose_sigma_m is not None:  # errors common to all cells cause no steps

@@ -24,7 +24,7 @@ import numpy as np
 import rasterio
 from pyproj import CRS
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import CRSError, RasterBlockError, RasterioError, RasterioIOError
+from rasterio.errors import CRSError, RasterioError, RasterioIOError
 from rasterio.session import DummySession
 from rasterio.transform import Affine
 from rasterio.warp import reproject, transform_bounds
@@ -44,6 +44,7 @@ from solmap.products.formats.raster.cog import (
     RasterClass,
     RasterDescription,
     create_cog,
+    is_held,
 )
 
 _DIRECTIONS = {"aspect"}
@@ -52,6 +53,9 @@ _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "
 _POSE_DEVIATION = "pose_deviation"
 """Present if pose errors were modelled: the part of the standard deviation that neighbouring cells
 share."""
+BLOCK_LEVELS = "BLOCK_LEVELS"
+"""Tag of a terrain model: a digit a block, row by row: the overview that shows all of it; 0: none,
+as in files without the tag."""
 _REMOTE_OPTIONS = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_INGESTED_BYTES_AT_OPEN": "32768",
@@ -106,13 +110,9 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     """
     stack = _band_stack(path, grid, bands)
     units = {name: unit if isinstance(unit, str) else unit.get(name, "") for name in bands}
-    overview_resampling = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
     kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
-    colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(stack) - 1)]
-    named = tuple(Band(n, units[n], colour=c) for n, c in zip(bands, colours, strict=True))
-    with create_cog(
-        path, grid, crs, RasterDescription(kind, named, overview_resampling, tags)
-    ) as dataset:
+    description = _described(kind, units, tags, overviews)
+    with create_cog(path, grid, crs, description) as dataset:
         for index, band in enumerate(stack, start=1):
             dataset.write(band, index)
 
@@ -120,19 +120,32 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
 def write_parts(
     path: Path,
     grid: MapGrid,
-    name: str,
-    parts: Iterable[tuple[tuple[slice, slice], Raster]],
+    units: Mapping[str, str],
+    parts: Iterable[tuple[tuple[slice, slice], Mapping[str, Raster]]],
     crs: CRS,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write one float32 band from windows (row and column slices, values).
+    """Write float32 bands from windows: rows and columns, values by the name of the band.
 
-    Cells outside all windows are NaN.
+    `units` are those of the bands. Cells outside all windows are NaN.
     """
-    band = Band(name, colour=ColorInterp.gray)
-    with create_cog(path, grid, crs, RasterDescription("float32", (band,), tags=tags)) as dataset:
-        for (rows, cols), values in parts:
-            dataset.write(values, 1, window=Window.from_slices(rows, cols))
+    with create_cog(path, grid, crs, _described("float32", units, tags)) as dataset:
+        for (rows, cols), bands in parts:
+            stack = np.stack([bands[name] for name in units])
+            dataset.write(stack, window=Window.from_slices(rows, cols))
+
+
+def _described(
+    kind: Kind,
+    units: Mapping[str, str],
+    tags: Mapping[str, str] | None,
+    overviews: OverviewResampling | None = None,
+) -> RasterDescription:
+    """Bands with their units, the first shown as grey."""
+    colours = [ColorInterp.gray, *[ColorInterp.undefined] * (len(units) - 1)]
+    bands = (Band(n, units[n], colour=c) for n, c in zip(units, colours, strict=True))
+    averaged = overviews or ("NEAREST" if _DIRECTIONS & set(units) else "AVERAGE")
+    return RasterDescription(kind, tuple(bands), averaged, tags)
 
 
 def write_classes(  # noqa: PLR0913 - the properties of one file
@@ -339,27 +352,31 @@ class StoredDtm:
     grid: MapGrid
     _dataset: rasterio.DatasetReader
 
-    def seen_blocks(self) -> np.ndarray:
-        """Which blocks are stored in the file, as an array of flags."""
+    def block_steps(self) -> np.ndarray:
+        """Side of the largest cells that show all of a block, in cells; 0 where none is stored."""
         rows, cols = (-(-count // BLOCK) for count in self.grid.shape)
-        return np.array([[self._is_held(row, col) for col in range(cols)] for row in range(rows)])
-
-    def _is_held(self, row: int, col: int) -> bool:
-        try:
-            return bool(self._dataset.block_size(1, row, col))
-        except RasterBlockError:
-            return False
+        held = [[is_held(self._dataset, row, col) for col in range(cols)] for row in range(rows)]
+        levels = self._dataset.tags().get(BLOCK_LEVELS, "").split()
+        steps = [[2 ** int(level) for level in row] for row in levels]
+        return np.array(held, np.int32) * np.array(steps or 1, np.int32)
 
     def part(self, rows: slice, cols: slice) -> Dtm:
-        """A window of the model, inside its grid."""
-        window = Window.from_slices(rows, cols)
+        """A window of the model, inside its grid; with a step, from an overview of the file."""
+        grid = self.grid.window(rows, cols)
+        window = Window(cols.start, rows.start, cols.stop - cols.start, rows.stop - rows.start)
         known = {name: k for k, name in enumerate(band_names(self._dataset), start=1)}
         names = [name for name in (*_DTM_UNITS, _POSE_DEVIATION) if name in known]
         # one call: each block holds all bands
-        stack = self._dataset.read([known[name] for name in names], window=window)
+        stack = self._dataset.read(
+            [known[name] for name in names],
+            window=window,
+            out_shape=grid.shape,
+            resampling=Resampling.average,
+        )
         bands = dict(zip(names, stack, strict=True))
+        bands["observations"] *= np.float32((grid.cell_m / self.grid.cell_m) ** 2)
         return Dtm(
-            self.grid.part(rows.start, cols.start, window.height, window.width),
+            grid,
             elevation=bands["elevation"],
             sigma_m=bands["standard_deviation"],
             # blocks without data are not stored and read as NaN

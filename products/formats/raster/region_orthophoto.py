@@ -81,11 +81,9 @@ def _blocks(
             rows, cols = min(TILE, grid.rows - row), min(TILE, grid.cols - col)
             around = grid.part(row - halo, col - halo, rows + 2 * halo, cols + 2 * halo)
             tile = grid.part(row, col, rows, cols).bounds
-            stops = [
-                StopImagery(one.place, one.read(around))
-                for one in orthophotos
-                if overlap(one.grid.bounds, tile)
-            ]
+            reached = [one for one in orthophotos if overlap(one.grid.bounds, tile)]
+            read = [StopImagery(one.place, one.read(around)) for one in reached]
+            stops = [stop for stop in read if np.isfinite(stop.brightness).any()]
             if stops:
                 merged = merge_block(stops, around, params)
                 yield row, col, merged[None, halo : halo + rows, halo : halo + cols]

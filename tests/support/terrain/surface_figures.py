@@ -34,7 +34,6 @@ from solmap.photogrammetry.terrain.relief.slope import (
     SlopeParams,
     hillshade,
     northerly_tilt_of,
-    relief_map,
     slope_of,
 )
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams, hazards
@@ -47,6 +46,7 @@ from solmap.products.formats.raster.styles import (
     STYLES,
 )
 from solmap.products.model import ProductKind
+from tests.support.terrain.whole_relief import whole_relief
 
 GRID = MapGrid(-40.96, 40.96, 0.04, 2048, 2048)
 LATITUDE = math.radians(-14.735)
@@ -78,7 +78,7 @@ def world_model(terrain: str, seed: int) -> Dtm:
 def images(dtm: Dtm) -> dict[str, EightBits]:
     """One figure of each kind, over the hillshade."""
     light = _shown(hillshade(dtm.elevation, dtm.grid.cell_m, HillshadeParams()), dtm.grid)
-    relief, relief_grid = relief_map(dtm, SlopeParams())
+    relief, relief_grid = whole_relief(dtm, SlopeParams())
     lit = insolation(dtm, LATITUDE, InsolationParams())
     havens = winter_havens(lit, LATITUDE, HavenParams())
     coarse, coarse_grid = coarsen(dtm.elevation, dtm.grid, 0.16)

@@ -4,19 +4,22 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.parts import seen_parts
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams, StopTerrain, fuse_block
 from solmap.photogrammetry.terrain.dtm.resampling import coarser_dtm
+from solmap.photogrammetry.terrain.relief.slope import SlopeParams, slope_of
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster import region
-from solmap.products.formats.raster.raster import read_dtm, read_raster, write_dtm
+from solmap.products.formats.raster.raster import open_dtm, read_dtm, read_raster, write_dtm
 from solmap.products.formats.raster.region import (
     RegionFiles,
     RegionSource,
     read_seams,
     write_region,
 )
+from tests.support.terrain.whole_relief import whole_relief
 
 CRS = local_crs(LandingPoint("a plain", 175.0, -14.5, 3_393_000.0, "assumed"))
 PARAMS = RegionParams()
@@ -93,18 +96,23 @@ def test_stops_without_common_ground_have_no_seam(made):
     assert seams[0].median_m == pytest.approx(0.67 * 0.01 * np.sqrt(2), rel=0.2)  # mean of 4 cells
 
 
-def test_far_ground_with_large_cells_fills_the_rest(made, sources, tmp_path):
-    grid = MapGrid.covering((-60.0, -60.0, 60.0, 60.0), 0.32)
+def with_far_ground(folder, sources, cell_m, height_at) -> RegionFiles:
+    """The region of some stops and of far ground in large cells."""
+    grid = MapGrid.covering((-60.0, -60.0, 60.0, 60.0), cell_m)
     x, y = np.meshgrid(*grid.centres())
     far = Dtm(
         grid,
-        (np.sin(x / 3) + np.cos(y / 4)).astype(np.float32),
+        height_at(x, y).astype(np.float32),
         np.full(grid.shape, 0.5, np.float32),
         np.ones(grid.shape, np.float32),
         np.full(grid.shape, GroundClass.MEASURED, np.uint8),
     )
-    write_dtm(tmp_path / "far.tif", far, CRS)
-    files, _ = written(tmp_path, [*sources, RegionSource("far", (0.0, 0.0), tmp_path / "far.tif")])
+    write_dtm(folder / "far.tif", far, CRS)
+    return written(folder, [*sources, RegionSource("far", (0.0, 0.0), folder / "far.tif")])[0]
+
+
+def test_far_ground_with_large_cells_fills_the_rest(made, sources, tmp_path):
+    files = with_far_ground(tmp_path, sources, 0.32, lambda x, y: np.sin(x / 3) + np.cos(y / 4))
     with_far, near = read_dtm(files.dtm), read_dtm(made[0].dtm)
     east, north = np.meshgrid(*with_far.grid.centres())
     inside = (np.abs(east) < 50) & (np.abs(north) < 50)
@@ -118,6 +126,25 @@ def test_far_ground_with_large_cells_fills_the_rest(made, sources, tmp_path):
     np.testing.assert_allclose(  # within a stop's ground the coarse model is not used
         with_far.elevation[rows, cols], near.elevation[rows - row, cols - col], atol=2e-3
     )
+
+
+def test_far_ground_is_mapped_in_cells_half_as_wide_as_its_own(sources, tmp_path):
+    files = with_far_ground(tmp_path, sources, 0.64, lambda x, y: 0.1 * x - 0.2 * y)
+    with open_dtm(files.dtm) as stored:
+        assert {part.step for part in seen_parts(stored)} == {1, 4}
+        (rows, cols), step = next((p.own, p.step) for p in seen_parts(stored) if p.step == 4)
+        far = stored.part(slice(rows.start, rows.stop, step), slice(cols.start, cols.stop, step))
+        whole = stored.part(rows, cols)
+        planes, grid = whole_relief(stored, SlopeParams())
+    assert far.observations.sum() == pytest.approx(whole.observations.sum())
+    east, north = np.meshgrid(*far.grid.centres())
+    inner = (slice(2, -2), slice(2, -2))
+    np.testing.assert_allclose(far.elevation[inner], (0.1 * east - 0.2 * north)[inner], atol=1e-3)
+    east, north = np.meshgrid(*grid.centres())
+    away = (np.minimum(east, -north) > 25.0) & (np.maximum(east, -north) < 45.0)
+    away &= np.hypot(east - 60.0, north + 30.0) > 12.0
+    slopes = slope_of(planes.normal)[away]
+    np.testing.assert_allclose(slopes, np.degrees(np.arctan(np.hypot(0.1, 0.2))), atol=0.01)
 
 
 def test_cells_that_do_not_nest_are_refused(sources, tmp_path):

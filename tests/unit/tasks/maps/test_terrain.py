@@ -61,7 +61,7 @@ def test_the_terrain_model_of_a_stop_is_read_once_until_the_end_of_the_sol(store
     with terrain_of(dtm, store) as kept, open_dtm(store.path(dtm)) as stored:
         part = kept.part(rows, cols)
         np.testing.assert_array_equal(part.elevation, stored.part(rows, cols).elevation)
-        np.testing.assert_array_equal(kept.seen_blocks(), stored.seen_blocks())
+        np.testing.assert_array_equal(kept.block_steps(), stored.block_steps())
     with pytest.raises(ValueError, match="read-only"):
         part.elevation[0, 0] = 0.0
     store.path(dtm).unlink()

@@ -17,9 +17,9 @@ from solmap.photogrammetry.terrain.relief.slope import (
     normals_of,
     northerly_tilt_of,
     relief,
-    relief_map,
     slope_of,
 )
+from tests.support.terrain.whole_relief import whole_relief
 
 PARAMS = SlopeParams()
 
@@ -229,7 +229,7 @@ def test_slope_of_a_large_model_has_no_seams_between_blocks(scenes):
 
 def test_larger_cells_have_the_slope_of_their_parts(scenes):
     dtm = scenes.dtm_of(plane(12.0, 220.0), side=256)
-    coarse, grid = relief_map(dtm, PARAMS)
+    coarse, grid = whole_relief(dtm, PARAMS)
     assert grid.cell_m == 0.08
     known = np.isfinite(coarse.normal[0])
     assert known.sum() > 0.99 * 128**2  # corners of a window are seen too little
@@ -239,7 +239,7 @@ def test_larger_cells_have_the_slope_of_their_parts(scenes):
 
 def test_large_areas_have_larger_cells(scenes):
     dtm = scenes.dtm_of(plane(12.0, 220.0), side=256)
-    coarse, grid = relief_map(dtm, SlopeParams(most_cells=5000))
+    coarse, grid = whole_relief(dtm, SlopeParams(most_cells=5000))
     assert grid.cell_m == 0.16
     assert np.nanmedian(slope_of(coarse.normal)) == pytest.approx(12.0, abs=1e-3)
 
@@ -247,7 +247,7 @@ def test_large_areas_have_larger_cells(scenes):
 def test_strips_of_a_model_have_no_seams(scenes):
     dtm = scenes.dtm_of(lambda e, n: 0.3 * np.sin(e) * np.cos(1.3 * n), side=1100)
     whole = relief(dtm, PARAMS)
-    strips, grid = relief_map(dtm, SlopeParams(cell_m=0.04))
+    strips, grid = whole_relief(dtm, SlopeParams(cell_m=0.04))
     assert grid == dtm.grid
     for one, other in zip(whole.layers, strips.layers, strict=True):
         np.testing.assert_allclose(other, one, atol=2e-5)
