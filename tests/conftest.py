@@ -129,6 +129,11 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         from prefect import settings  # noqa: PLC0415
         from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
 
+        from tests.support.engine_database import copy_empty_database  # noqa: PLC0415
+
+        database = tmp_path_factory.mktemp("engine-database")
+        copy_empty_database(database / "prefect-test.db")
+        environment.setattr("prefect.testing.utilities.mkdtemp", lambda: str(database))
         with (
             settings.temporary_settings({getattr(settings, name): password for name in names}),
             prefect_test_harness(server_startup_timeout=300),
