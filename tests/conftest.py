@@ -1,6 +1,7 @@
 """Fixtures shared by all tests: random numbers, and the real and rendered data where they are."""
 
 import contextlib
+import gc
 import json
 import os
 import re
@@ -48,6 +49,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             return f"{Path(file).parts[1]}/{shared}" if shared else file
 
     return Scheduling(config, log)
+
+
+def pytest_collection_finish() -> None:
+    """Collections of garbage look at what tests made, not at half a million objects of modules."""
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -22,8 +22,7 @@ from solmap.flows.runtime.engine import free_port
 from solmap.gis_server.app import create_app
 
 _FORKS = multiprocessing.get_context("forkserver")
-"""A process that has imported the server, from which servers are forked: importing takes longer
-than most of what they are asked for."""
+"""Servers are forked from a process that has imported them: that takes longer than most tests."""
 _FORKS.set_forkserver_preload(["solmap.gis_server.app", "uvicorn"])
 
 
