@@ -18,7 +18,7 @@ import pytest
 
 hypothesis.settings.register_profile("patient", deadline=None)
 # what the tests say of a commit they say again: `make test-all` searches on with other examples
-hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
+hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=40)
 hypothesis.settings.load_profile("patient")  # no test asserts a time: other work shares the machine
 
 ROOT = Path(__file__).resolve().parents[1]
