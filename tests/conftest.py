@@ -15,6 +15,7 @@ from typing import Any
 import hypothesis
 import numpy as np
 import pytest
+import typer.testing
 
 hypothesis.settings.register_profile("patient", deadline=None)
 # what the tests say of a commit they say again: `make test-all` searches on with other examples
@@ -113,6 +114,14 @@ def husband(shared_data: Path) -> Path:
 def _folder_of_the_tests() -> None:
     """Commands that run in this process leave the folder that they were started in."""
     os.chdir(ROOT)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_tree_of_commands() -> Iterator[None]:
+    """Built once, where tests run commands: it takes longer than most of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("typer.testing._get_command", cache(typer.main.get_command))
+        yield
 
 
 @pytest.fixture(scope="session")
