@@ -131,7 +131,11 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     Each worker has its own. Commands that run in a test's process use it too: one that started
     another would leave the address and password of that one to all tests after it.
     """
-    from solmap.flows.runtime.engine import password_file, prepare_engine  # noqa: PLC0415 - before Prefect is imported
+    from solmap.flows.runtime.engine import (  # noqa: PLC0415 - before Prefect is imported
+        RUN_ONLY,
+        password_file,
+        prepare_engine,
+    )
 
     folder = tmp_path_factory.mktemp("engine")
     with pytest.MonkeyPatch.context() as environment:
@@ -149,10 +153,13 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         database = tmp_path_factory.mktemp("engine-database")
         copy_empty_database(database / "prefect-test.db")
         environment.setattr("prefect.testing.utilities.mkdtemp", lambda: str(database))
-        with (
-            settings.temporary_settings({getattr(settings, name): password for name in names}),
-            prefect_test_harness(server_startup_timeout=300),
-        ):
+        with contextlib.ExitStack() as until_the_end:
+            secrets = {getattr(settings, name): password for name in names}
+            until_the_end.enter_context(settings.temporary_settings(secrets))
+            with pytest.MonkeyPatch.context() as of_server:
+                for name, value in RUN_ONLY.items():
+                    of_server.setenv(name, value)
+                until_the_end.enter_context(prefect_test_harness(server_startup_timeout=300))
             environment.setenv("PREFECT_API_URL", settings.PREFECT_API_URL.value())
             yield
 
