@@ -1,6 +1,7 @@
 """Fixtures shared by all tests: random numbers, and the real and rendered data where they are."""
 
 import contextlib
+import gc
 import json
 import os
 import re
@@ -14,10 +15,11 @@ from typing import Any
 import hypothesis
 import numpy as np
 import pytest
+import typer.testing
 
 hypothesis.settings.register_profile("patient", deadline=None)
 # what the tests say of a commit they say again: `make test-all` searches on with other examples
-hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
+hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=40)
 hypothesis.settings.load_profile("patient")  # no test asserts a time: other work shares the machine
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,6 +50,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             return f"{Path(file).parts[1]}/{shared}" if shared else file
 
     return Scheduling(config, log)
+
+
+def pytest_collection_finish() -> None:
+    """Collections of garbage look at what tests made, not at half a million objects of modules."""
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -109,6 +116,14 @@ def _folder_of_the_tests() -> None:
     os.chdir(ROOT)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _one_tree_of_commands() -> Iterator[None]:
+    """Built once, where tests run commands: it takes longer than most of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("typer.testing._get_command", cache(typer.main.get_command))
+        yield
+
+
 @pytest.fixture(scope="session")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Prefect's embedded server with a database in a temporary folder, closed by a password.
@@ -116,7 +131,11 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     Each worker has its own. Commands that run in a test's process use it too: one that started
     another would leave the address and password of that one to all tests after it.
     """
-    from solmap.flows.runtime.engine import password_file, prepare_engine  # noqa: PLC0415 - before Prefect is imported
+    from solmap.flows.runtime.engine import (  # noqa: PLC0415 - before Prefect is imported
+        RUN_ONLY,
+        password_file,
+        prepare_engine,
+    )
 
     folder = tmp_path_factory.mktemp("engine")
     with pytest.MonkeyPatch.context() as environment:
@@ -129,10 +148,18 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         from prefect import settings  # noqa: PLC0415
         from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
 
-        with (
-            settings.temporary_settings({getattr(settings, name): password for name in names}),
-            prefect_test_harness(server_startup_timeout=300),
-        ):
+        from tests.support.engine_database import copy_empty_database  # noqa: PLC0415
+
+        database = tmp_path_factory.mktemp("engine-database")
+        copy_empty_database(database / "prefect-test.db")
+        environment.setattr("prefect.testing.utilities.mkdtemp", lambda: str(database))
+        with contextlib.ExitStack() as until_the_end:
+            secrets = {getattr(settings, name): password for name in names}
+            until_the_end.enter_context(settings.temporary_settings(secrets))
+            with pytest.MonkeyPatch.context() as of_server:
+                for name, value in RUN_ONLY.items():
+                    of_server.setenv(name, value)
+                until_the_end.enter_context(prefect_test_harness(server_startup_timeout=300))
             environment.setenv("PREFECT_API_URL", settings.PREFECT_API_URL.value())
             yield
 

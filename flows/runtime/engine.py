@@ -62,7 +62,7 @@ _IDLE_SERVICES = (
     "SCHEDULER",
     "TRIGGERS",
 )
-_RUN_ONLY = {
+RUN_ONLY = {
     "PREFECT_UI_ENABLED": "false",
     "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",
     **{f"PREFECT_SERVER_SERVICES_{name}_ENABLED": "false" for name in _IDLE_SERVICES},
@@ -191,7 +191,7 @@ def engine_child(store: Path, port: int, *, has_pages: bool) -> Child:
     environment = {
         "PREFECT_SERVER_API_AUTH_STRING": password_file(store).read_text(),
         "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": f"{address(port)},http://localhost:{port}",
-        **({} if has_pages else _RUN_ONLY),
+        **({} if has_pages else RUN_ONLY),
     }
     log_file = store / "logs" / "engine.log"
     return Child("engine", module_command("prefect", *command), environment, log_file)

@@ -44,6 +44,7 @@ from solmap.tasks.images.pairs import pair_geometry, resample_pair, turn_right_c
 from solmap.tasks.network.match import rows_of_pair
 from solmap.tasks.network.rig import pool_rig, turn_of_pair
 from solmap.tasks.scopes import pair_scope
+from tests.support.small_downlink import rendered_images
 from tests.support.stop_networks import RENDERED_MAST_M
 
 BEND = np.array([0.6e-3, 0.1e-3, -0.5e-3])
@@ -52,8 +53,7 @@ BEND = np.array([0.6e-3, 0.1e-3, -0.5e-3])
 
 @pytest.fixture(scope="module")
 def pair():
-    world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1), 8)
-    files = [job.run(world) for job in render_jobs(world)]
+    files = rendered_images(WorldParams("plains", TraverseParams(stops=1), pairs=1), 8)
     return [read_image(file.data, file.path.rpartition("/")[2]) for file in files]
 
 

@@ -29,6 +29,7 @@ from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.network.orientations import Orientation, OrientedPair
 from solmap.tasks.network.singles import drop_repeats
 from tests.support.product_readers import read_sources
+from tests.support.small_downlink import kept
 
 LANDING = LandingPoint("a simulated plain", 175.47, -14.57, 3_393_000.0, "a test")
 ORTHOPHOTO = OrthophotoParams(cell_m=0.02)
@@ -55,22 +56,26 @@ def through(data: bytes, number: int, seconds: int) -> tuple[str, bytes]:
     return f"{name.lower()}.img", head + dimmed.tobytes()
 
 
-@pytest.fixture(scope="module")
-def workspace(tmp_path_factory):
+WORLD = WorldParams("plains", TraverseParams(stops=2, spacing_m=(14.0, 15.0)), pancam=True)
+
+
+def write_downlink(folder, params, seed):
     """A pair with its left camera's frames through L4, L5 and L6, one of which looked elsewhere."""
-    world = make_world(
-        WorldParams("plains", TraverseParams(stops=2, spacing_m=(14.0, 15.0)), pancam=True), 41
-    )
+    world = make_world(params, seed)
     shot = next(s for s in world.shots if s.stop == 0 and s.instrument == "PANCAM")
-    folder = tmp_path_factory.mktemp("colour")
-    downlink = folder / "downlink"
-    downlink.mkdir()
+    folder.mkdir()
     left, right = (RenderJob(shot, eye).run(world) for eye in (Eye.LEFT, Eye.RIGHT))
     for file in (left, right):
-        (downlink / file.path.rsplit("/", 1)[-1]).write_bytes(file.data)
+        (folder / file.path.rsplit("/", 1)[-1]).write_bytes(file.data)
     for seconds, number in enumerate(GAINS, start=2):
         name, data = through(left.data, number, seconds)
-        (downlink / name).write_bytes(data)
+        (folder / name).write_bytes(data)
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("colour")
+    downlink = kept(write_downlink, WORLD, 41)
     workspace = Workspace.open(folder / "store")
     ingest_downlink.fn(downlink, workspace)
     return workspace

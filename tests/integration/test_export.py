@@ -15,7 +15,7 @@ import pytest
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.export.contents import export
 from solmap.products.export.selection import Selection
-from tests.integration.test_qgis import PYTHON, is_on_our_mars, run_with_qgis
+from tests.integration.test_qgis import is_on_our_mars, run_with_qgis
 from tests.unit.gis_server.conftest import build, elevation_at
 
 SESSION = Path(__file__).parents[1] / "support" / "qgis_project_session.py"
@@ -34,11 +34,8 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def project(exported: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("qgis")
-    if not PYTHON.is_file() or run_with_qgis(["-c", "import qgis.core"], folder).returncode:
-        pytest.skip(f"{PYTHON} has no qgis.core: install python3-qgis")
     files = [str(folder / name) for name in ("said.json", "drawn.png")]
-    ended = run_with_qgis([str(SESSION), str(exported / "MER2.qgz"), *files], folder)
-    assert ended.returncode == 0, ended.stderr[-2000:]
+    run_with_qgis([str(SESSION), str(exported / "MER2.qgz"), *files], folder)
     if kept := os.environ.get("SOLMAP_SCREENSHOTS"):
         Path(kept, "qgis-export.png").write_bytes(Path(files[1]).read_bytes())
     return json.loads(Path(files[0]).read_text()) | {"picture": files[1]}

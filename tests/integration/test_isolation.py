@@ -34,7 +34,13 @@ def clean(tmp_path_factory: pytest.TempPathFactory, engine: None) -> CleanRun:  
     return CleanRun.of(tmp_path_factory.mktemp("few"), pairs=1, layers=FEW_LAYERS)
 
 
-@pytest.mark.parametrize(("stage", "error"), [("trace_contours", "surrogate"), ("publish", "long")])
+@pytest.mark.parametrize(
+    ("stage", "error"),
+    [
+        ("trace_contours", "surrogate"),
+        pytest.param("publish", "long", marks=pytest.mark.slow),
+    ],
+)
 def test_an_error_in_a_stage_loses_only_what_depends_on_it(clean, stage, error):
     rng = np.random.default_rng(sum(map(ord, stage)))
     assert violations(clean, chosen(clean, stage, rng, error)) == []

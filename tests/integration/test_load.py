@@ -70,7 +70,7 @@ def test_publishing_disturbs_no_reader(tmp_path):
     )
     Workspace.open(root)
     command = [sys.executable, "-c", script, str(root)]
-    reported = under_load(root, command, tmp_path, 5.0)
+    reported = under_load(root, command, tmp_path, 2.0)
     print(json.dumps(reported.figures(), indent=1))  # noqa: T201 - for docs/reference/measurements/server.md
     assert not reported.wrong, reported.wrong[:5]
     assert len(reported.tiles) > 10

@@ -22,7 +22,7 @@ from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import read_dtm, write_dtm
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel, untied_map
 from solmap.tasks.mission.publish import publish
-from tests.support.orbital_scenes import enlarged, scene
+from tests.support.orbital_scenes import enlarged, middle_of, scene
 from tests.support.product_readers import read_orthophoto
 
 SITE = landing_site("MER2", Settings().landing_sites)
@@ -35,7 +35,7 @@ PLATE = CRS.from_proj4(
 
 @pytest.fixture(scope="module")
 def hills():
-    return scene(103)
+    return middle_of(scene(109))
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from solmap.tasks.images.ingest import ingest_downlink
 from solmap.tasks.images.pairs import pairs_of, read_pair
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.scopes import pair_scope
-from tests.support.small_downlink import rendered_images
+from tests.support.small_downlink import FEW_LAYERS, rendered_images, write_coarse_pipeline
 
 COUNTS = np.round(4095 * (np.arange(256) / 255) ** 1.9).astype(int)
 """A table that is not among the built-in ones."""
@@ -243,7 +243,8 @@ def test_a_run_maps_counts_and_reports_peculiarities(frames, tmp_path, monkeypat
     downlink, store = frames.coded(COUNTS).written(tmp_path / "downlink"), tmp_path / "store"
     settings = tables(tmp_path / "settings", None)
     monkeypatch.setenv("SOLMAP_INSTRUMENTS", str(settings))
-    report = process_downlink(downlink, store)
+    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", FEW_LAYERS))
+    report = process_downlink(downlink, store, pipeline)
     assert report.succeeded, report.failures
     note = "pixels are 8-bit codes of LUT1, not counts: no inverse table was given"
     names = [Path(name).stem.upper() for name in sorted(frames.files)]
@@ -258,14 +259,14 @@ def test_a_run_maps_counts_and_reports_peculiarities(frames, tmp_path, monkeypat
     coded_layers = layers_of(workspace)
 
     tables(settings)
-    report = process_downlink(downlink, store)
+    report = process_downlink(downlink, store, pipeline)
     assert report.succeeded, report.failures
     assert not any("codes" in line for line in report.sols[0].notes)
     layers = layers_of(workspace)
     assert layers["orthophoto"] != coded_layers["orthophoto"]
     assert layers["dtm"] != coded_layers["dtm"]
     made = files_of(workspace)
-    assert process_downlink(downlink, store).succeeded
+    assert process_downlink(downlink, store, pipeline).succeeded
     assert files_of(workspace) == made
 
 

@@ -123,10 +123,10 @@ def questions_in(message: str) -> int:
 
 
 def test_answers_conform_to_the_openapi_schema(target, tmp_path):
-    few = ("--phases", "fuzzing", "--max-examples", "1", "--max-time", "20")
+    few = ("--phases", "fuzzing", "--max-examples", "1")
     message = fuzz(target, tmp_path, target.token, *few)
     assert not failures_in(message), message[-6000:]
-    assert questions_in(message) > 50, message[-3000:]
+    assert questions_in(message) > 100, message[-3000:]
 
 
 def test_requests_without_a_token_are_refused_as_documented(target, tmp_path):

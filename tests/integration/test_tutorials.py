@@ -1,5 +1,6 @@
 """The commands of the tutorials run in their order and give the stated results."""
 
+import contextlib
 import re
 import shlex
 import shutil
@@ -8,9 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from solmap.flows.cli import app
+
+pytestmark = pytest.mark.usefixtures("engine")
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-SOLMAP = Path(sys.executable).with_name("solmap")
 
 
 def commands(page: str) -> list[list[str]]:
@@ -25,11 +29,10 @@ def follow(page: str, folder: Path) -> dict[str, str]:
     printed = {}
     for call in commands(page):
         words = [name for word in call for name in sorted(map(str, folder.glob(word))) or [word]]
-        ended = subprocess.run(
-            [SOLMAP, *words], cwd=folder, capture_output=True, text=True, check=False
-        )
-        assert ended.returncode == 0, f"solmap {shlex.join(call)}: {ended.stderr[-2000:]}"
-        printed[call[0]] = ended.stdout + ended.stderr
+        with contextlib.chdir(folder):
+            ended = CliRunner().invoke(app, words)
+        assert ended.exit_code == 0, f"solmap {shlex.join(call)}: {ended.stderr[-2000:]}"
+        printed[call[0]] = ended.output
     return printed
 
 

@@ -22,6 +22,10 @@ DIFFER = {"havens", "dips", "far-dtm", "far-hillshade", "far-contours"}
 """What is there or not, as the simulated ground has it."""
 
 
+EVERY_MOVE = f"{COARSE}[reissue]\nshift_m = 1e-6\n"
+"""The pipeline that makes the maps of a stop again however little it moves."""
+
+
 def wave(event: tuple, workspace: Workspace) -> dict[str, set[str]]:
     """The kinds of an event by scope; every layer that it names is there, with its file."""
     found: dict[str, set[str]] = {}
@@ -33,10 +37,9 @@ def wave(event: tuple, workspace: Workspace) -> dict[str, set[str]]:
     return found
 
 
-def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path, monkeypatch):
+def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path):
     downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
-    every_move = f"{COARSE}[reissue]\nshift_m = 1e-6\n"
-    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", every_move))
+    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", EVERY_MOVE))
     workspace = Workspace.open(tmp_path / "store")
     with serving(tmp_path / "store") as server, listening(f"{server}/api/events") as heard:
         assert heard.get(timeout=10)[0] == "hello"
@@ -59,19 +62,30 @@ def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path, m
     assert "tie-points" in waves[-2]["mer2"]
     assert {"region-dtm"} <= set.union(*waves[-1].values())
 
+
+@pytest.mark.slow
+def test_what_was_published_in_waves_ends_as_if_made_at_once(tmp_path: Path, monkeypatch):
+    downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
+    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", EVERY_MOVE))
+    assert process(downlink, tmp_path / "store", pipeline).succeeded
+    made_at_once(tmp_path, downlink, pipeline, monkeypatch)
+    assert differences(Contents.of(tmp_path / "store"), Contents.of(tmp_path / "other")) == []
+
+
+def made_at_once(folder: Path, downlink: Path, pipeline: str, monkeypatch) -> None:
+    """Process a downlink into `other` without waves, with the products of `store`."""
     from solmap.flows.sol_waves import Waves  # noqa: PLC0415 - imports Prefect
 
     monkeypatch.setattr(Waves, "plan", lambda *_: None)
     monkeypatch.setattr(Waves, "show_positions", lambda *_: None)
-    shutil.copytree(tmp_path / "store" / "products", tmp_path / "other" / "products")
-    assert process(downlink, tmp_path / "other", pipeline).succeeded
-    assert differences(Contents.of(tmp_path / "store"), Contents.of(tmp_path / "other")) == []
+    shutil.copytree(folder / "store" / "products", folder / "other" / "products")
+    assert process(downlink, folder / "other", pipeline).succeeded
 
 
 def test_layers_left_to_a_sol_that_fails_are_made(tmp_path: Path, monkeypatch):
     from solmap.flows import sol as module  # noqa: PLC0415 - imports Prefect
 
-    downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
+    downlink = write_small_downlink(tmp_path / "downlink", pairs=1)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))
     match_pairs, last = module.match_pairs, 156
 
@@ -91,7 +105,7 @@ def test_layers_left_to_a_sol_that_fails_are_made(tmp_path: Path, monkeypatch):
 
     monkeypatch.undo()
     assert process(downlink, tmp_path / "store", pipeline).succeeded
-    assert process(downlink, tmp_path / "other", pipeline).succeeded
+    made_at_once(tmp_path, downlink, pipeline, monkeypatch)
     assert differences(Contents.of(tmp_path / "store"), Contents.of(tmp_path / "other")) == []
 
 

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import contextlib
 import json
+import multiprocessing
 import os
 import queue
 import subprocess
-import sys
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+import uvicorn
 
 from solmap.flows.runtime.engine import free_port
+from solmap.gis_server.app import create_app
 
-_SERVE = (
-    "import sys, pathlib, uvicorn; from solmap.gis_server.app import create_app; "
-    "uvicorn.run(create_app(pathlib.Path(sys.argv[1])), port=int(sys.argv[2]), "
-    "log_level='error', timeout_graceful_shutdown=1)"
-)
+_FORKS = multiprocessing.get_context("forkserver")
+"""Servers are forked from a process that has imported them: that takes longer than most tests."""
+_FORKS.set_forkserver_preload(["solmap.gis_server.app", "uvicorn"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +41,23 @@ class Server:
 @contextlib.contextmanager
 def serving(root: Path) -> Iterator[str]:
     """The address of a server of the store at `root`, which ends with the block."""
-    with running([sys.executable, "-c", _SERVE, str(root)]) as server:
+    port = free_port()
+    process = _FORKS.Process(target=_serve, args=(root, port, dict(os.environ)), daemon=True)
+    process.start()
+    server = Server(port, process.pid or 0)
+    try:
+        _await(server, process.is_alive)
         yield server.address
+    finally:
+        process.terminate()
+        process.join(30)
+
+
+def _serve(root: Path, port: int, environment: dict[str, str]) -> None:
+    os.environ.clear()
+    os.environ.update(environment)
+    app = create_app(root)
+    uvicorn.run(app, port=port, log_level="error", timeout_graceful_shutdown=1)
 
 
 @contextlib.contextmanager
@@ -52,15 +67,19 @@ def running(command: list[str], environment: Mapping[str, str] | None = None) ->
     process = subprocess.Popen([*command, str(port)], env={**os.environ, **(environment or {})})
     server = Server(port, process.pid)
     try:
-        deadline = time.monotonic() + 120.0
-        while not _is_ready(server.address):
-            assert process.poll() is None, f"{command} ended before it was ready"
-            assert time.monotonic() < deadline, f"{command} is not ready after two minutes"
-            time.sleep(0.1)
+        _await(server, lambda: process.poll() is None)
         yield server
     finally:
         process.terminate()
         process.wait(timeout=30)
+
+
+def _await(server: Server, is_alive: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 120.0
+    while not _is_ready(server.address):
+        assert is_alive(), "the server ended before it was ready"
+        assert time.monotonic() < deadline, "the server is not ready after two minutes"
+        time.sleep(0.1)
 
 
 def _is_ready(address: str) -> bool:

@@ -25,7 +25,7 @@ from solmap.products.formats.raster.tiling import zoom_of
 from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
-from tests.support.live_server import _SERVE, Server, running
+from tests.support.live_server import Server, running
 from tests.support.object_store import (
     ObjectStore,
     environment,
@@ -37,6 +37,10 @@ from tests.support.tile_at import tile_at
 from tests.support.tile_load import cpu_seconds, load
 
 KINDS = (ProductKind.DTM, ProductKind.ORTHOPHOTO, ProductKind.HILLSHADE)
+_SERVE = (
+    "import sys, pathlib, uvicorn; from solmap.gis_server.app import create_app; "
+    "uvicorn.run(create_app(pathlib.Path(sys.argv[1])), port=int(sys.argv[2]), log_level='error')"
+)
 
 
 def tile_paths(layers: Sequence[Layer], count: int, rng: np.random.Generator) -> list[str]:

@@ -23,12 +23,20 @@ class Module:
 
     name: str
     path: Path
-    tree: ast.Module
     lines: int
+
+    @property
+    def tree(self) -> ast.Module:
+        return _parsed(self.path)
 
     @property
     def is_package(self) -> bool:
         return self.path.name == "__init__.py"
+
+
+@cache
+def _parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
 
 
 def modules(root: Path = ROOT) -> dict[str, Module]:
@@ -40,8 +48,7 @@ def modules(root: Path = ROOT) -> dict[str, Module]:
                 continue
             parts = path.relative_to(root).with_suffix("").parts
             name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-            text = path.read_text()
-            found[name] = Module(name, path, ast.parse(text), text.count("\n"))
+            found[name] = Module(name, path, path.read_text().count("\n"))
     return found
 
 

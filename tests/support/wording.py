@@ -8,13 +8,12 @@ prints the share of docstrings, comments, messages and texts that the word list
 
 import argparse
 import ast
-import io
 import re
-import tokenize
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -63,6 +62,7 @@ class Fault:
         return f"{self.where.path}:{self.where.line}: {self.words!r}; write: {self.instead}"
 
 
+@cache
 def word_list() -> dict[re.Pattern[str], str]:
     """The patterns of `wording.toml`, each with what to write instead."""
     groups = tomllib.loads(Path(__file__).with_suffix(".toml").read_text()).values()
@@ -73,13 +73,19 @@ def word_list() -> dict[re.Pattern[str], str]:
     }
 
 
-def faults(text: Text, words: dict[re.Pattern[str], str]) -> Iterator[Fault]:
+def faults(text: Text) -> Iterator[Fault]:
     """The words of the list in a text; code in backticks and quoted words are left out."""
-    prose = re.sub(SKIPPED, " _ ", text.text, flags=re.DOTALL)
+    for words, instead in _found(text.text):
+        yield Fault(text, words, instead)
+
+
+@cache
+def _found(text: str) -> list[tuple[str, str]]:
+    """What is found in a text, and what to write instead; most names are in several modules."""
+    prose = re.sub(SKIPPED, " _ ", text, flags=re.DOTALL)
     prose = re.sub(r"\s+", " ", prose)
-    for pattern, instead in words.items():
-        if found := pattern.search(prose):
-            yield Fault(text, found[0], instead)
+    matches = ((pattern.search(prose), instead) for pattern, instead in word_list().items())
+    return [(found[0], instead) for found, instead in matches if found]
 
 
 def names(path: Path, found: dict[str, int]) -> Iterator[Text]:
@@ -130,13 +136,19 @@ def texts_of_python(path: Path, source: str) -> Iterator[Text]:
         is_code = re.search(r"\bSELECT\b|^import ", whole, re.MULTILINE)
         if len(re.findall(r"[a-z]{2,}", whole)) >= FEWEST_WORDS and not is_code:
             yield Text(path, node.lineno, "message", whole)
-    if "#" not in source:
-        return
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            yield Text(path, token.start[0], "comment", token.string)
+    line, read = 1, 0
+    for found in COMMENT_OR_STRING.finditer(source):
+        if found["comment"]:
+            line, read = line + source.count("\n", read, found.start()), found.start()
+            yield Text(path, line, "comment", found[0])
 
 
+COMMENT_OR_STRING = re.compile(
+    r"(?P<comment>\#[^\n]*)|(?P<quotes>\"{3}|'{3})(?:\\.|.)*?(?P=quotes)"
+    r"|\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*'",
+    re.DOTALL,
+)
+"""Of Python; a string may contain what looks like a comment."""
 TYPESCRIPT_TEXT = re.compile(
     r"/\*.*?\*/|//[^\n]*|\"(?:[^\"\\\n]|\\.)*\"|`(?:[^`\\]|\\.)*`", re.DOTALL
 )
@@ -201,18 +213,17 @@ def main() -> None:
     parser.add_argument("checkout", nargs="?", type=Path, default=ROOT)
     parser.add_argument("--list", nargs="*", metavar="FOLDER", help="print every place")
     requested = parser.parse_args()
-    words = word_list()
     if requested.list is not None:
         for folder in requested.list or FOLDERS:
             for text in texts(requested.checkout, folder):
-                for fault in faults(text, words):
+                for fault in faults(text):
                     print(fault)  # noqa: T201
         return
     for folder in FOLDERS:
         every, caught = Counter[str](), Counter[str]()
         for text in texts(requested.checkout, folder):
             every[text.kind] += 1
-            caught[text.kind] += any(True for _ in faults(text, words))
+            caught[text.kind] += any(True for _ in faults(text))
         for kind, count in every.items():
             share = caught[kind] / count
             print(f"{folder:24}{kind:10}{caught[kind]:6} of {count:5}  {share:6.1%}")  # noqa: T201

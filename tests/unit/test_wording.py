@@ -4,14 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.wording import FOLDERS, ROOT, Text, faults, texts, word_list
-
-WORDS = word_list()
+from tests.support.wording import FOLDERS, ROOT, Text, faults, texts
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_prose_has_no_word_of_the_list(folder):
-    found = [str(fault) for text in texts(ROOT, folder) for fault in faults(text, WORDS)]
+    found = [str(fault) for text in texts(ROOT, folder) for fault in faults(text)]
     assert found == [], f"`python -m tests.support.wording --list {folder}` prints them"
 
 
@@ -28,7 +26,7 @@ def test_prose_has_no_word_of_the_list(folder):
     ],
 )
 def test_a_sentence_that_must_be_read_twice_is_caught(sentence):
-    assert list(faults(Text(Path("x.py"), 1, "docstring", sentence), WORDS))
+    assert list(faults(Text(Path("x.py"), 1, "docstring", sentence)))
 
 
 @pytest.mark.parametrize(
@@ -41,4 +39,4 @@ def test_a_sentence_that_must_be_read_twice_is_caught(sentence):
     ],
 )
 def test_a_plain_sentence_is_not_caught(sentence):
-    assert not [str(one) for one in faults(Text(Path("x.py"), 1, "docstring", sentence), WORDS)]
+    assert not [str(one) for one in faults(Text(Path("x.py"), 1, "docstring", sentence))]

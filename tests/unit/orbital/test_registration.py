@@ -10,12 +10,12 @@ from solmap.photogrammetry.orbital.records import Correction, GroundMap, Orbital
 from solmap.photogrammetry.orbital.registration import RegistrationParams, register
 from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from tests.support.orbital_scenes import place_error, scene
+from tests.support.orbital_scenes import middle_of, place_error, scene
 
 
 @pytest.fixture(scope="module")
 def hills():
-    return scene(103)
+    return middle_of(scene(109))
 
 
 def off(found, one):
@@ -33,7 +33,7 @@ def test_a_rotated_and_shifted_image_under_another_sun_is_registered(hills):
 @pytest.mark.usefixtures("unchecked")
 def test_an_uncontrolled_mosaic_is_registered_from_hundreds_of_metres():
     """Turned by up to three degrees and scaled by up to one percent as well."""
-    one = scene(103, uncontrolled=True)
+    one = middle_of(scene(109, uncontrolled=True))
     found = register(one.ground, one.image)
     assert found.reason == ""
     assert np.hypot(one.east_m, one.north_m) > 100.0
@@ -62,7 +62,7 @@ def test_noise_is_not_registered(hills, rng):
 
 @pytest.mark.usefixtures("unchecked")
 def test_ground_outside_the_image_is_not_registered(hills):
-    found = register(hills.ground, scene(106).image)
+    found = register(hills.ground, middle_of(scene(106)).image)
     assert found.correction is None
 
 
@@ -73,13 +73,13 @@ def test_flat_and_small_ground_is_refused_with_a_reason(hills):
         brightness=np.ones_like(hills.ground.brightness),
     )
     assert "flat and without contrast" in register(flat, hills.image).reason
-    few = np.where(np.arange(320)[:, None] < 3, hills.ground.elevation, np.nan)
+    few = np.where(np.arange(160)[:, None] < 3, hills.ground.elevation, np.nan)
     few[:, 100:] = np.nan
     assert "too few" in register(replace(hills.ground, elevation=few), hills.image).reason
 
 
 def test_cells_of_another_size_are_refused(hills):
-    grid = MapGrid(-60.0, 60.0, 0.5, 480, 480)
+    grid = MapGrid(-60.0, 60.0, 0.5, 288, 288)
     with pytest.raises(OrbitalError, match="resample"):
         register(hills.ground, OrbitalImage(grid, hills.image.brightness))
 

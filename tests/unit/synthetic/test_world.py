@@ -46,10 +46,14 @@ def small_world():
 
 
 @pytest.fixture(scope="module")
-def pair(small_world):
-    """The first pair: its files as they are read back."""
-    jobs = render_jobs(small_world)[:2]
-    files = [job.run(small_world) for job in jobs]
+def files(small_world):
+    """Those of the first pair."""
+    return [job.run(small_world) for job in render_jobs(small_world)[:2]]
+
+
+@pytest.fixture(scope="module")
+def pair(files):
+    """The first pair as it is read back."""
     return [read_image(file.data, file.path.rsplit("/", 1)[-1]) for file in files]
 
 
@@ -62,9 +66,8 @@ def geometry_of(pair):
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_a_seed_repeats_a_downlink_bit_for_bit(small_world):
-    jobs = render_jobs(small_world)[:2]
-    one = [*text_files(small_world), *(job.run(small_world) for job in jobs)]
+def test_a_seed_repeats_a_downlink_bit_for_bit(small_world, files):
+    one = [*text_files(small_world), *files]
     lighting._light.cache_clear()
     again = make_world(SMALL, rng_seed=7)
     with ThreadPoolExecutor(2) as threads:  # other order, other threads

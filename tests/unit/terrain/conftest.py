@@ -2,8 +2,11 @@
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +38,16 @@ def looking(
     return EpipolarPair(pose, centre_px=centre, **sizes), lsl_from_pair
 
 
-def view_of(
+def view_of(*of_what: Any, **how: Any) -> TerrainView:
+    """A view of a surface (`_view_of`) that may be changed."""
+    seen = _view_of(*of_what, **how)
+    return replace(
+        seen, parallax=seen.parallax.copy(), image=seen.image.copy(), mask=seen.mask.copy()
+    )
+
+
+@cache
+def _view_of(
     surface: Surface,
     azimuth_deg: float = 0.0,
     dip_deg: float = 20.0,

@@ -6,7 +6,6 @@ import os
 import random
 import shutil
 import socket
-from functools import cache
 
 import pytest
 import typer
@@ -56,14 +55,6 @@ def paths(tmp_path_factory):
     (folder / "folder").mkdir()
     there = sorted(map(str, folder.iterdir()))
     return [*there, "/dev/null", "/dev/null/x", str(folder / "new"), ""]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_tree():
-    """The tree of commands, built once: it takes longer than most of these commands."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("typer.testing._get_command", cache(typer.main.get_command))
-        yield
 
 
 @pytest.fixture(autouse=True)
