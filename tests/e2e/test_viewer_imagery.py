@@ -75,7 +75,6 @@ def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(pag
     keep_screenshot(page, "pictures-coloured")
     address = page.url
     assert "::90:250::2" in address or "viridis:" in address
-    page.goto("about:blank")
     look(page, address)
     until(page, lambda: is_coloured(page))
 
@@ -109,7 +108,6 @@ def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, images):
     assert seen(page, WEST) == pytest.approx(before[0], abs=2)
     keep_screenshot(page, "classes-hidden")
     address = page.url
-    page.goto("about:blank")
     look(page, address)
     until(page, lambda: seen(page, EAST) == pytest.approx(ground, abs=6))
 

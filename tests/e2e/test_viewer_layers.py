@@ -88,8 +88,7 @@ def test_a_layer_moves_above_the_next_one_and_the_link_restores_it(page, url):
     lit = 255 * math.sqrt(0.5)  # the bottom of the bowl is nearly level
     assert np.abs(colour_at(screenshot(page, "under"), place) - lit).max() <= 8
     assert "order=1" in page.url
-    page.reload()
-    ready(page)
+    look(page, page.url)
     assert shown_order(page) == ["mer2/hillshade", "mer2/orthophoto"]
 
 
@@ -176,8 +175,7 @@ def test_colours_follow_the_chosen_limits_and_so_does_the_legend(page, url):
         shown = colour_at(image, pixel_of(page, radius, 0.0, resolution))
         assert np.abs(shown - colour).max() <= 4
     assert "mer2/dtm~::1:4" in page.url
-    page.reload()
-    ready(page)
+    look(page, page.url)
     page.locator('li[data-layer="mer2/dtm"].layer .more').click()
     assert page.get_by_label("highest colour at").input_value() == "4"
 
@@ -233,8 +231,7 @@ def test_a_model_fades_by_its_standard_deviation(page, url):
     half = colour_at(screenshot(page, "faded"), place)  # 2 cm of 4
     assert np.abs(half - (whole + NOTHING) / 2).max() <= 4
     assert "mer2/dtm~:::::::0.04" in page.url
-    page.reload()
-    ready(page)
+    look(page, page.url)
     assert np.abs(colour_at(screenshot(page, "again"), place) - half).max() <= 2
 
 
@@ -324,8 +321,7 @@ def test_a_multiplying_layer_darkens_those_below_and_the_link_restores_it(page, 
 
     until(page, is_multiplied)
     assert "mer2/orthophoto**multiply" in page.url
-    page.reload()
-    ready(page)
+    look(page, page.url)
     until(page, is_multiplied)
 
 

@@ -121,6 +121,7 @@ def test_a_failed_request_for_the_list_is_repeated(page, workspace, live):
 def test_the_first_layers_of_an_empty_store_open_the_map(page, tmp_path):
     empty = Workspace.open(tmp_path / "store")
     with serving(empty.store.root) as address:
+        page.goto("about:blank")
         page.goto(address)
         until(page, lambda: "Nothing is published yet" in page.locator(".banner").inner_text())
         fill(empty)

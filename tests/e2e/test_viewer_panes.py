@@ -34,7 +34,11 @@ def box(page, selector: str, at: int = 0) -> dict[str, float]:
     return page.locator(selector).nth(at).bounding_box()
 
 
-@pytest.mark.parametrize("size", [(1440, 900), (1920, 1080), (2560, 1440)], ids=lambda s: str(s[0]))
+@pytest.mark.parametrize(
+    "size",
+    [(1440, 900), (1920, 1080), pytest.param((2560, 1440), marks=pytest.mark.slow)],
+    ids=lambda size: str(size[0]),
+)
 def test_image_and_stereo_panes_are_open_beside_the_map_together(browser, images_url, size):
     with open_page(browser, *size) as page:
         open_both(page, images_url)
