@@ -13,12 +13,11 @@ from tests.support.bowl_store import CRS, GRID, Shop, fill
 from tests.support.browsing import (
     Server,
     at,
-    colour_at,
+    colour_now,
     keep_screenshot,
     look,
     pixel_of,
     ready,
-    screenshot,
     until,
 )
 
@@ -53,9 +52,9 @@ def opened(page, url: str, kind: str):
     return row
 
 
-def shade(page, place, name: str = "pictures") -> float:
+def shade(page, place) -> float:
     ready(page)
-    return float(colour_at(screenshot(page, name), pixel_of(page, *place, RESOLUTION)).mean())
+    return float(colour_now(page, pixel_of(page, *place, RESOLUTION)).mean())
 
 
 def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(page, images):
@@ -90,9 +89,7 @@ def spread(page) -> float:
 
 def is_coloured(page) -> bool:
     ready(page)
-    image = screenshot(page, "pictures")
-    colour = colour_at(image, pixel_of(page, *DARK, RESOLUTION))
-    return bool(np.ptp(colour) > 60)
+    return bool(np.ptp(colour_now(page, pixel_of(page, *DARK, RESOLUTION))) > 60)
 
 
 def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, images):
@@ -114,7 +111,7 @@ def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, images):
 
 def seen(page, place) -> list[int]:
     ready(page)
-    return list(colour_at(screenshot(page, "classes"), pixel_of(page, *place, RESOLUTION)))
+    return list(colour_now(page, pixel_of(page, *place, RESOLUTION)))
 
 
 def rgb(colour: str) -> list[int]:

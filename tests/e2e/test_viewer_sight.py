@@ -12,6 +12,7 @@ from tests.support.browsing import (
     Server,
     at,
     colour_at,
+    colour_now,
     keep_screenshot,
     look,
     pixel_of,
@@ -123,7 +124,7 @@ def test_a_viewshed_ends_at_the_horizon_and_is_removed_with_its_measurement(seei
     seeing.keyboard.press("Escape")
 
     def differs():
-        return np.abs(colour_at(screenshot(seeing, "viewshed"), seen_at) - grey).max() > 10
+        return np.abs(colour_now(seeing, seen_at) - grey).max() > 10
 
     grey = colour_at(bare, seen_at)
     until(seeing, differs)
@@ -163,11 +164,9 @@ def test_the_reachable_area_ends_behind_the_wall_and_is_drawn_on_the_map(seeing)
     grey = colour_at(bare, near)
     until(
         seeing,
-        lambda: np.abs(colour_at(screenshot(seeing, "reach"), near) - grey).max() > 10,
+        lambda: np.abs(colour_now(seeing, near) - grey).max() > 10,
     )
-    np.testing.assert_array_equal(
-        colour_at(screenshot(seeing, "reach"), behind), colour_at(bare, behind)
-    )
+    np.testing.assert_array_equal(colour_now(seeing, behind), colour_at(bare, behind))
     link = item.get_by_role("link", name="GeoTIFF").evaluate("a => a.href")
     assert seeing.request.get(link).ok
 

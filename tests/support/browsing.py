@@ -249,10 +249,14 @@ def pixel_of(page, east, north, resolution: float) -> tuple:
 
 def screenshot(page, name: str) -> np.ndarray:
     """Red, green, blue of the page; kept in the folder of SOLMAP_SCREENSHOTS."""
-    body = page.screenshot()
+    body = page.screenshot(caret="initial")
     if folder := os.environ.get("SOLMAP_SCREENSHOTS"):
         Path(folder).mkdir(parents=True, exist_ok=True)
         (Path(folder) / f"{name}.png").write_bytes(body)
+    return _decoded(body)
+
+
+def _decoded(body: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 
@@ -265,6 +269,13 @@ def keep_screenshot(page, name: str) -> None:
 def colour_at(image: np.ndarray, place: tuple[float, float]) -> np.ndarray:
     x, y = (round(value) for value in place)
     return image[y, x].astype(int)
+
+
+def colour_now(page, place: tuple[float, float]) -> np.ndarray:
+    """Red, green, blue of one place of the page, at a quarter of the cost of the whole."""
+    x, y = (round(value) for value in place)
+    clip = {"x": x, "y": y, "width": 1, "height": 1}
+    return _decoded(page.screenshot(caret="initial", clip=clip))[0, 0].astype(int)
 
 
 def field(page, key: str) -> str:
