@@ -136,7 +136,10 @@ def workspace(bowl_store: Path, tmp_path: Path) -> Workspace:
 
 @pytest.fixture(scope="session")
 def serve() -> Iterator[Callable[[Path], Server]]:
-    """A server of a store of one test, at one address for all: pages have its scripts already."""
+    """A server of the bowl of one test, at one address for all: pages have its scripts already.
+
+    Browsers keep products by their digests, so another store needs another address.
+    """
     with socket.create_server(("127.0.0.1", 0)) as listener:
         yield lambda store: Server(store, listener=listener)
 

@@ -20,11 +20,11 @@ Point = tuple[float, float]
 
 
 @pytest.fixture
-def own(true_images, tmp_path, serve) -> Iterator[tuple[Workspace, str]]:
+def own(true_images, tmp_path) -> Iterator[tuple[Workspace, str]]:
     """A copy of the store of true images, which may be written to, and its server."""
     root = tmp_path / "store"
     shutil.copytree(true_images.workspace.store.root, root)
-    with serve(root) as server:
+    with Server(root) as server:
         yield Workspace.open(root), server.url
 
 

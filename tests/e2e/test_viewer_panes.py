@@ -80,7 +80,7 @@ def test_a_link_restores_all_panes(browser, images_url):
 
 
 def test_dividers_resize_panes_by_mouse_and_arrow_keys_and_are_remembered(browser, images_url):
-    with open_page(browser, 1920, 1080) as page:
+    with open_page(browser, 1920, 1080, is_new=True) as page:
         open_both(page, images_url)
         divider = page.locator(".pane-divider").first
         before = box(page, ".map")["width"]

@@ -271,11 +271,11 @@ def test_download_a_layer_and_copy_what_qgis_opens(bowl):
     done("download, and copy of an address that QGIS opens", bowl)
 
 
-def test_add_a_tie_and_preview_the_adjustment(hand, true_images, tmp_path, serve):
+def test_add_a_tie_and_preview_the_adjustment(hand, true_images, tmp_path):
     root, page = tmp_path / "store", hand.page
     shutil.copytree(true_images.workspace.store.root, root)
     (mission,) = (one.mission for one in Workspace.open(root).catalogue.missions())
-    with serve(root) as server:
+    with Server(root) as server:
         look(page, server.url)
         hand.press("t")
         page.wait_for_selector('[data-pane="second"][data-image]')

@@ -13,6 +13,7 @@ def title(page) -> str:
 
 
 def test_help_leads_through_the_page_by_keyboard_and_back_to_help(page, url):
+    page.emulate_media(reduced_motion="reduce")
     look(page, url + at(0.1, "mer2/stops,mer2/traverse"))
     assert page.locator(".tour-offer").count() == 0
     page.get_by_role("button", name="Help").click()
