@@ -133,6 +133,7 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """
     from solmap.flows.runtime.engine import (  # noqa: PLC0415 - before Prefect is imported
         RUN_ONLY,
+        make_database,
         password_file,
         prepare_engine,
     )
@@ -148,10 +149,8 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         from prefect import settings  # noqa: PLC0415
         from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
 
-        from tests.support.engine_database import copy_empty_database  # noqa: PLC0415
-
         database = tmp_path_factory.mktemp("engine-database")
-        copy_empty_database(database / "prefect-test.db")
+        make_database(database / "prefect-test.db")
         environment.setattr("prefect.testing.utilities.mkdtemp", lambda: str(database))
         with contextlib.ExitStack() as until_the_end:
             secrets = {getattr(settings, name): password for name in names}

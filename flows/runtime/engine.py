@@ -103,22 +103,23 @@ def prepare_engine(store: Path) -> None:
     home.mkdir(parents=True, exist_ok=True)
 
 
-def make_database(home: Path) -> None:
-    """Make the tables of Prefect's database in a folder, if `SCHEMA` is of the installed version.
+def make_database(file: Path) -> None:
+    """Make the tables of Prefect's database, if `SCHEMA` is of the installed version.
 
     Otherwise, or where the settings name another database, its server makes them.
     """
-    database, schema = home / "prefect.db", SCHEMA.read_text()
+    schema = SCHEMA.read_text()
     is_known = schema.startswith(f"-- Prefect {version('prefect')}\n")
-    if not is_known or database.exists() or "PREFECT_API_DATABASE_CONNECTION_URL" in os.environ:
+    if not is_known or file.exists() or "PREFECT_API_DATABASE_CONNECTION_URL" in os.environ:
         return
-    with tempfile.TemporaryDirectory(dir=home) as drafts:
-        draft = Path(drafts) / database.name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=file.parent) as drafts:
+        draft = Path(drafts) / file.name
         with contextlib.closing(sqlite3.connect(draft)) as connection:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.executescript(schema)
         with contextlib.suppress(OSError):  # another process was first, or no hard links
-            database.hardlink_to(draft)
+            file.hardlink_to(draft)
 
 
 def leave_folder(store: Path) -> None:
@@ -186,7 +187,7 @@ def address(port: int) -> str:
 
 def engine_child(store: Path, port: int, *, has_pages: bool) -> Child:
     """The server of a store, not started yet. It listens on this machine only."""
-    make_database(Path(os.environ.get("PREFECT_HOME", store / "prefect")))
+    make_database(Path(os.environ.get("PREFECT_HOME", store / "prefect")) / "prefect.db")
     command = ("server", "start", "--host", "127.0.0.1", "--port", str(port))
     environment = {
         "PREFECT_SERVER_API_AUTH_STRING": password_file(store).read_text(),

@@ -2,7 +2,8 @@
 
 import json
 import shutil
-from collections.abc import Iterator
+import socket
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,9 +62,14 @@ def mapped(
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run what is marked `both_browsers` in Firefox too; Playwright hears of no downloads there."""
+    """Run what is marked `both_browsers` in Firefox too; Playwright hears of no downloads there.
+
+    `make test` starts Firefox once, for the tests of one file.
+    """
     if metafunc.definition.get_closest_marker("both_browsers"):
-        metafunc.parametrize("browser", ["chromium", "firefox"], indirect=True)
+        marks = () if metafunc.module.__name__.endswith("test_viewer") else pytest.mark.slow
+        firefox = pytest.param("firefox", marks=marks)
+        metafunc.parametrize("browser", ["chromium", firefox], indirect=True)
 
 
 @pytest.fixture(scope="session")
@@ -100,6 +106,13 @@ def page(browser: Any) -> Iterator[Any]:
         yield opened
 
 
+@pytest.fixture
+def new_page(browser: Any) -> Iterator[Any]:
+    """A page that no other test uses, for scripts that run before the viewer."""
+    with open_page(browser, is_new=True) as opened:
+        yield opened
+
+
 @pytest.fixture(scope="session")
 def bowl_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The store of the bowl, to be copied."""
@@ -121,10 +134,20 @@ def workspace(bowl_store: Path, tmp_path: Path) -> Workspace:
     return Workspace.open(shutil.copytree(bowl_store, tmp_path / "store"))
 
 
+@pytest.fixture(scope="session")
+def serve() -> Iterator[Callable[[Path], Server]]:
+    """A server of the bowl of one test, at one address for all: pages have its scripts already.
+
+    Browsers keep products by their digests, so another store needs another address.
+    """
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        yield lambda store: Server(store, listener=listener)
+
+
 @pytest.fixture
-def live(workspace: Workspace) -> Iterator[str]:
+def live(workspace: Workspace, serve: Callable[[Path], Server]) -> Iterator[str]:
     """Address of a server over `workspace`."""
-    with Server(workspace.store.root) as server:
+    with serve(workspace.store.root) as server:
         yield server.url
 
 

@@ -84,8 +84,6 @@ def test_a_contour_is_at_the_elevation_of_its_label(page, url):
 def test_the_scale_bar_has_the_length_of_its_label_on_the_ground(page, url):
     for resolution in (0.02, 0.1, 0.37):
         look(page, url + at(resolution))
-        page.reload()
-        ready(page)
         bar = page.locator(".scale i")
         metres = float(bar.get_attribute("data-metres"))
         width = bar.bounding_box()["width"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from solmap.products.catalogue.workspace import Workspace
-from tests.support.browsing import ROOT, Server, at, keep_screenshot, look, open_page, ready
+from tests.support.browsing import ROOT, Server, at, keep_screenshot, look, open_page, ready, until
 from tests.support.scene_store import fill_scene
 
 AXE = ROOT / "gis_server" / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
@@ -23,7 +23,10 @@ def full_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield server.url
 
 
-@pytest.fixture(params=["light", "dark"])
+SLOW = pytest.mark.slow
+
+
+@pytest.fixture(params=["light", pytest.param("dark", marks=SLOW)])
 def themed(request, browser, full_url):
     if not AXE.is_file():
         pytest.skip("axe-core is not installed: run `npm ci` in gis_server/viewer")
@@ -47,14 +50,23 @@ def issues_of(page, name: str) -> list[str]:
     ]
 
 
-def test_no_tab_has_an_accessibility_issue(themed):
+@pytest.mark.parametrize(
+    ("themed", "width"),
+    [
+        ("light", 1280),
+        ("dark", 1280),
+        pytest.param("light", 390, marks=SLOW),
+        pytest.param("dark", 390, marks=SLOW),
+    ],
+    indirect=["themed"],
+)
+def test_no_tab_has_an_accessibility_issue(themed, width):
     issues = issues_of(themed, "first")
-    for width in (1280, 390):
-        themed.set_viewport_size({"width": width, "height": 800})
-        for tab in themed.locator("[data-tab]").all():
-            tab.click()
-            ready(themed)
-            issues += issues_of(themed, f"tab-{tab.get_attribute('data-tab')}-{width}")
+    themed.set_viewport_size({"width": width, "height": 800})
+    for tab in themed.locator("[data-tab]").all():
+        tab.click()
+        ready(themed)
+        issues += issues_of(themed, f"tab-{tab.get_attribute('data-tab')}-{width}")
     assert issues == []
 
 
@@ -65,7 +77,10 @@ def test_no_tool_opens_an_element_with_an_accessibility_issue(themed):
         if name.startswith(("zoom", "show everything", "copy")):
             continue
         tool.click()
-        themed.wait_for_timeout(1500)
+        ready(themed)
+        for view in ("scene", "stereo"):
+            half_drawn = themed.locator(f'.{view}:not([data-settled="true"])')
+            until(themed, lambda found=half_drawn: found.count() == 0)
         issues += issues_of(themed, f"tool-{name.split(' (')[0].replace(' ', '-')}")
         themed.keyboard.press("Escape")
         if tool.get_attribute("aria-pressed") == "true":
@@ -81,6 +96,7 @@ def test_the_tour_has_no_accessibility_issue(themed):
     themed.wait_for_selector(".driver-popover")
     themed.wait_for_timeout(400)  # faded in
     assert issues_of(themed, "tour") == []
+    themed.keyboard.press("Escape")
 
 
 def test_an_open_image_and_an_identified_place_have_no_accessibility_issue(themed):

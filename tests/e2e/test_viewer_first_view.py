@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from tests.support.browsing import DIST, at, look
+from tests.support.browsing import DIST, at, load
 from tests.support.first_view import first_view
 
 LATEST_MS = 4000
@@ -56,6 +56,7 @@ def test_later_parts_load_after_the_page_is_drawn(page, url, kind):
         route.continue_()
 
     page.route(f"**/mer2/{kind}/*/features.geojson*", late)
+    page.goto("about:blank")
     page.goto(url + at(0.1, f"mer2/{kind}"))
     page.wait_for_selector('html[data-ready="true"]', state="attached", timeout=20_000)
     spans = page.evaluate(
@@ -70,7 +71,7 @@ def test_later_parts_load_after_the_page_is_drawn(page, url, kind):
 def test_the_browser_logs_no_error(page, url):
     message_: list[str] = []
     page.on("console", lambda message: message_.append(f"{message.text} {message.location['url']}"))
-    look(page, url)
+    load(page, url)
     no_network = ("/solutions", "/network")  # the bowl was mapped without one
     assert [text for text in message_ if not text.endswith(no_network)] == []
 

@@ -96,21 +96,17 @@ def test_an_identified_place_and_its_tab_can_be_undone(bowl):
     assert bowl.locator("#tab-sun").get_attribute("aria-selected") == "true"
 
 
-@pytest.mark.parametrize(
-    ("part", "reported"),
-    [
+def test_unknown_parts_of_a_link_are_named(page, url):
+    banner = page.locator(".banner")
+    for part, reported in (
         ("&on=mer2/craters", "layer mer2/craters"),
         ("&zoom=3", "zoom"),
         ("&sol=soon", "sol=soon"),
         ("&tab=weather", "weather"),
-    ],
-)
-def test_unknown_parts_of_a_link_are_named(page, url, part, reported):
-    link = "/#m=MER2&at=0,0,0.05" + part
-    look(page, url + link)
-    banner = page.locator(".banner")
-    banner.wait_for()
-    assert reported in banner.inner_text()
+    ):
+        look(page, url + "/#m=MER2&at=0,0,0.05" + part)
+        banner.wait_for()
+        assert reported in banner.inner_text()
 
 
 def test_a_link_restores_the_image_beside_the_map(page, images_url):

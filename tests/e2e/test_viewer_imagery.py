@@ -13,12 +13,11 @@ from tests.support.bowl_store import CRS, GRID, Shop, fill
 from tests.support.browsing import (
     Server,
     at,
-    colour_at,
+    colour_now,
     keep_screenshot,
     look,
     pixel_of,
     ready,
-    screenshot,
     until,
 )
 
@@ -53,9 +52,9 @@ def opened(page, url: str, kind: str):
     return row
 
 
-def shade(page, place, name: str = "pictures") -> float:
+def shade(page, place) -> float:
     ready(page)
-    return float(colour_at(screenshot(page, name), pixel_of(page, *place, RESOLUTION)).mean())
+    return float(colour_now(page, pixel_of(page, *place, RESOLUTION)).mean())
 
 
 def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(page, images):
@@ -75,7 +74,6 @@ def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(pag
     keep_screenshot(page, "pictures-coloured")
     address = page.url
     assert "::90:250::2" in address or "viridis:" in address
-    page.goto("about:blank")
     look(page, address)
     until(page, lambda: is_coloured(page))
 
@@ -91,9 +89,7 @@ def spread(page) -> float:
 
 def is_coloured(page) -> bool:
     ready(page)
-    image = screenshot(page, "pictures")
-    colour = colour_at(image, pixel_of(page, *DARK, RESOLUTION))
-    return bool(np.ptp(colour) > 60)
+    return bool(np.ptp(colour_now(page, pixel_of(page, *DARK, RESOLUTION))) > 60)
 
 
 def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, images):
@@ -109,14 +105,13 @@ def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, images):
     assert seen(page, WEST) == pytest.approx(before[0], abs=2)
     keep_screenshot(page, "classes-hidden")
     address = page.url
-    page.goto("about:blank")
     look(page, address)
     until(page, lambda: seen(page, EAST) == pytest.approx(ground, abs=6))
 
 
 def seen(page, place) -> list[int]:
     ready(page)
-    return list(colour_at(screenshot(page, "classes"), pixel_of(page, *place, RESOLUTION)))
+    return list(colour_now(page, pixel_of(page, *place, RESOLUTION)))
 
 
 def rgb(colour: str) -> list[int]:

@@ -201,7 +201,7 @@ def test_the_graph_shows_the_ties_of_stops_and_pairs(page, images_url, entry):
     page.wait_for_selector(f'.image-view[data-image="{entry.id}"]')
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_image_graph_and_profile_have_no_accessibility_issue(viewer, scheme):
     axe = ROOT / "gis_server" / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
     if not axe.is_file():

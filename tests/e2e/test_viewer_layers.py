@@ -17,6 +17,7 @@ from tests.support.browsing import (
     Server,
     at,
     colour_at,
+    colour_now,
     keep_screenshot,
     look,
     pixel_of,
@@ -81,15 +82,14 @@ def test_a_layer_moves_above_the_next_one_and_the_link_restores_it(page, url):
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     assert shown_order(page) == ["mer2/orthophoto", "mer2/hillshade"]
     place = pixel_of(page, 2.0, 2.0, resolution)
-    assert np.abs(colour_at(screenshot(page, "over"), place) - 91).max() <= 3
+    assert np.abs(colour_now(page, place) - 91).max() <= 3
     page.get_by_role("button", name="Hillshade: up").click()
     assert shown_order(page) == ["mer2/hillshade", "mer2/orthophoto"]
     page.wait_for_timeout(200)
     lit = 255 * math.sqrt(0.5)  # the bottom of the bowl is nearly level
-    assert np.abs(colour_at(screenshot(page, "under"), place) - lit).max() <= 8
+    assert np.abs(colour_now(page, place) - lit).max() <= 8
     assert "order=1" in page.url
-    page.reload()
-    ready(page)
+    look(page, page.url)
     assert shown_order(page) == ["mer2/hillshade", "mer2/orthophoto"]
 
 
@@ -109,11 +109,11 @@ def test_one_layer_is_shown_alone_and_a_second_click_restores_all(page, url):
     alone = page.get_by_role("button", name="Hillshade alone")
     alone.click()
     page.wait_for_timeout(300)
-    assert colour_at(screenshot(page, "solo"), place).mean() > 150
+    assert colour_now(page, place).mean() > 150
     assert alone.get_attribute("aria-pressed") == "true"
     alone.click()
     page.wait_for_timeout(300)
-    assert colour_at(screenshot(page, "all"), place).mean() == pytest.approx(91, abs=3)
+    assert colour_now(page, place).mean() == pytest.approx(91, abs=3)
 
 
 def test_a_flickering_layer_is_shown_and_hidden(page, url):
@@ -122,10 +122,12 @@ def test_a_flickering_layer_is_shown_and_hidden(page, url):
     place = pixel_of(page, 2.0, 2.0, resolution)
     page.get_by_role("button", name="Orthophoto: flicker").click()
     seen = set()
-    for _ in range(12):
-        page.wait_for_timeout(150)
-        seen.add(bool(colour_at(screenshot(page, "flicker"), place).mean() > 150))
-    assert seen == {True, False}
+
+    def saw_both() -> bool:
+        seen.add(bool(colour_now(page, place).mean() > 150))
+        return seen == {True, False}
+
+    until(page, saw_both)
 
 
 @pytest.mark.both_browsers
@@ -176,8 +178,7 @@ def test_colours_follow_the_chosen_limits_and_so_does_the_legend(page, url):
         shown = colour_at(image, pixel_of(page, radius, 0.0, resolution))
         assert np.abs(shown - colour).max() <= 4
     assert "mer2/dtm~::1:4" in page.url
-    page.reload()
-    ready(page)
+    look(page, page.url)
     page.locator('li[data-layer="mer2/dtm"].layer .more').click()
     assert page.get_by_label("highest colour at").input_value() == "4"
 
@@ -205,7 +206,7 @@ def test_the_standard_deviation_of_a_model_is_a_layer_with_a_legend(page, url):
     name = "Elevation σ"
     assert name in row.inner_text()
     until(page, lambda: name in page.locator(".map-legend").inner_text())
-    shown = colour_at(screenshot(page, "sigma"), pixel_of(page, 5.0, 5.0, resolution))
+    shown = colour_now(page, pixel_of(page, 5.0, 5.0, resolution))
     assert np.abs(shown - SIGMA_2_CM).max() <= 4
 
 
@@ -213,7 +214,7 @@ def test_classes_of_the_ground_are_a_layer_with_names(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm-class*1"))
     until(page, lambda: "interpolated" in page.locator(".map-legend").inner_text())
-    shown = colour_at(screenshot(page, "classes"), pixel_of(page, 5.0, 5.0, resolution))
+    shown = colour_now(page, pixel_of(page, 5.0, 5.0, resolution))
     assert np.abs(shown - MEASURED).max() <= 2
 
 
@@ -221,7 +222,7 @@ def test_a_model_fades_by_its_standard_deviation(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm*1"))
     place = pixel_of(page, 5.0, 5.0, resolution)
-    whole = colour_at(screenshot(page, "whole"), place)
+    whole = colour_now(page, place)
     row = page.locator('li[data-layer="mer2/dtm"].layer')
     row.locator(".more").click()
     row.get_by_label("fade by standard deviation").check()
@@ -230,12 +231,11 @@ def test_a_model_fades_by_its_standard_deviation(page, url):
     ready(page)
     until(page, lambda: "none from 0.04" in page.locator(".map-legend").inner_text())
     page.wait_for_timeout(300)
-    half = colour_at(screenshot(page, "faded"), place)  # 2 cm of 4
+    half = colour_now(page, place)  # 2 cm of 4
     assert np.abs(half - (whole + NOTHING) / 2).max() <= 4
     assert "mer2/dtm~:::::::0.04" in page.url
-    page.reload()
-    ready(page)
-    assert np.abs(colour_at(screenshot(page, "again"), place) - half).max() <= 2
+    look(page, page.url)
+    assert np.abs(colour_now(page, place) - half).max() <= 2
 
 
 def test_colours_stretch_to_the_values_on_the_screen(page, url):
@@ -320,12 +320,11 @@ def test_a_multiplying_layer_darkens_those_below_and_the_link_restores_it(page, 
     requested = 91 * math.sqrt(0.5)  # of the shades of both; the bottom of the bowl is nearly level
 
     def is_multiplied() -> bool:
-        return bool(np.abs(colour_at(screenshot(page, "multiply"), place) - requested).max() <= 4)
+        return bool(np.abs(colour_now(page, place) - requested).max() <= 4)
 
     until(page, is_multiplied)
     assert "mer2/orthophoto**multiply" in page.url
-    page.reload()
-    ready(page)
+    look(page, page.url)
     until(page, is_multiplied)
 
 
@@ -414,7 +413,7 @@ def test_the_divider_shows_one_layer_on_each_side(page, url):
     page.mouse.move(box["x"] + 120, 500, steps=4)
     page.mouse.up()
     page.wait_for_timeout(300)
-    assert np.abs(colour_at(screenshot(page, "swiped"), right) - 91).max() <= 3
+    assert np.abs(colour_now(page, right) - 91).max() <= 3
     share = float(page.url.split("compare=swipe,")[1].split("&")[0].split(",")[2])
     assert share == pytest.approx(0.5 + 112.5 / 664, abs=0.01)
     before = int(line.get_attribute("aria-valuenow"))

@@ -6,10 +6,18 @@ from itertools import combinations
 
 import pytest
 
-from tests.support.browsing import at, keep_screenshot, look, open_page, ready, until
+from tests.support.browsing import at, keep_screenshot, load, look, open_page, ready, until
 
-SIZES = ((390, 844), (768, 1024), (1024, 768), (1440, 900), (1920, 1080), (2560, 1440))
 NARROW = 1100
+SIZES = [
+    pytest.param((width, height), marks=marks)
+    for marks, sizes in (
+        ((), ((390, 844), (1440, 900))),
+        (pytest.mark.slow, ((768, 1024), (1024, 768), (1920, 1080), (2560, 1440))),
+    )
+    for width, height in sizes
+]
+"""Below and above `NARROW` the page is arranged in two ways: one window of each at first."""
 CUT_OFF = """() => {
   const clipping = (element) => {
     for (let each = element.parentElement; each; each = each.parentElement)
@@ -115,7 +123,9 @@ def test_at_200_percent_no_panel_clips_its_content(browser, url):
         assert faults == []
 
 
-def test_the_map_has_room_is_reached_within_five_tab_stops_and_nothing_on_it_overlaps(sized):
+def test_the_map_has_room_is_reached_within_five_tab_stops_and_nothing_on_it_overlaps(window, url):
+    sized = window
+    load(sized, url + at(0.1, "mer2/stops,mer2/traverse"))  # the Tab key begins at the top
     box = sized.locator(".map").bounding_box()
     assert box["width"] > sized.width / 2
     assert box["height"] > sized.viewport_size["height"] / 2

@@ -12,14 +12,12 @@ from solmap.products.model import Layer, ProductKind, Recipe
 from tests.support.bowl_store import CRS, GRID, REGION, fill
 from tests.support.browsing import (
     at,
-    colour_at,
+    colour_now,
     look,
     pixel_of,
     ready,
-    screenshot,
     until,
 )
-from tests.support.live_server import serving
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +74,13 @@ def test_a_new_version_of_a_layer_is_redrawn_with_its_settings(page, workspace, 
     resolution = 0.1
     look(page, live + at(resolution, "mer2/slope"))
     place = pixel_of(page, 12.0, 12.0, resolution)
-    before = colour_at(screenshot(page, "live-before"), place)
+    before = colour_now(page, place)
     publish(workspace, ProductKind.SLOPE, 29.0)
     until(page, lambda: page.locator(".toast div").count() > 0)
     ready(page)
     until(
         page,
-        lambda: np.abs(colour_at(screenshot(page, "live-after"), place) - before).max() > 40,
+        lambda: np.abs(colour_now(page, place) - before).max() > 40,
     )
     assert page.locator('li.layer[data-kind="slope"] input[type="checkbox"]').is_checked()
     assert "on=mer2%2Fslope" in page.url or "on=mer2/slope" in page.url
@@ -118,10 +116,11 @@ def test_a_failed_request_for_the_list_is_repeated(page, workspace, live):
     until(page, lambda: not page.locator(".banner").is_visible())
 
 
-def test_the_first_layers_of_an_empty_store_open_the_map(page, tmp_path):
+def test_the_first_layers_of_an_empty_store_open_the_map(page, tmp_path, serve):
     empty = Workspace.open(tmp_path / "store")
-    with serving(empty.store.root) as address:
-        page.goto(address)
+    with serve(empty.store.root) as server:
+        page.goto("about:blank")
+        page.goto(server.url)
         until(page, lambda: "Nothing is published yet" in page.locator(".banner").inner_text())
         fill(empty)
         ready(page)

@@ -20,6 +20,7 @@ from tests.support.bowl_store import CRS
 from tests.support.browsing import (
     at,
     colour_at,
+    colour_now,
     keep_screenshot,
     look,
     open_page,
@@ -175,9 +176,7 @@ def test_a_local_raster_is_at_its_coordinates(page, url, tmp_path, crs):
 
     def shade(east: float, north: float) -> int:
         """Of the red channel."""
-        return int(
-            colour_at(screenshot(page, "raster"), pixel_of(page, east, north, RESOLUTION))[0]
-        )
+        return int(colour_now(page, pixel_of(page, east, north, RESOLUTION))[0])
 
     until(page, lambda: shade(15.0, 1.0) == 255)
     assert [shade(15.0, north) for north in (19.0, -1.0, -19.0)] == [255, 0, 0]

@@ -34,7 +34,11 @@ def box(page, selector: str, at: int = 0) -> dict[str, float]:
     return page.locator(selector).nth(at).bounding_box()
 
 
-@pytest.mark.parametrize("size", [(1440, 900), (1920, 1080), (2560, 1440)], ids=lambda s: str(s[0]))
+@pytest.mark.parametrize(
+    "size",
+    [(1440, 900), (1920, 1080), pytest.param((2560, 1440), marks=pytest.mark.slow)],
+    ids=lambda size: str(size[0]),
+)
 def test_image_and_stereo_panes_are_open_beside_the_map_together(browser, images_url, size):
     with open_page(browser, *size) as page:
         open_both(page, images_url)
@@ -76,7 +80,7 @@ def test_a_link_restores_all_panes(browser, images_url):
 
 
 def test_dividers_resize_panes_by_mouse_and_arrow_keys_and_are_remembered(browser, images_url):
-    with open_page(browser, 1920, 1080) as page:
+    with open_page(browser, 1920, 1080, is_new=True) as page:
         open_both(page, images_url)
         divider = page.locator(".pane-divider").first
         before = box(page, ".map")["width"]

@@ -111,7 +111,8 @@ def test_the_coordinate_format_is_chosen_and_remembered(page, url):
     assert page.get_by_label("coordinate format").input_value() == "dms"
 
 
-def test_the_place_menu_identifies_and_copies_coordinates_that_search_accepts(page, url):
+def test_the_place_menu_identifies_and_copies_coordinates_that_search_accepts(new_page, url):
+    page = new_page
     page.add_init_script(PLAIN_HTTP)
     look(page, url + at(RESOLUTION))
     menu = open_menu(page, 6.0, 4.0)

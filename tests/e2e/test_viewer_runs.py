@@ -13,7 +13,7 @@ from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.model import ProductKind, Recipe
 from tests.support.bowl_store import REGION
-from tests.support.browsing import at, keep_screenshot, look, pixel_of, ready, until
+from tests.support.browsing import at, keep_screenshot, look, open_page, pixel_of, ready, until
 
 RESOLUTION = 0.1
 
@@ -214,8 +214,12 @@ def test_a_wrong_token_is_reported_and_not_kept(page, workspace, live):
 
 
 def test_a_note_is_written_seen_by_others_deleted_and_restored(page, browser, workspace, live):
-    other = browser.new_page()
-    look(other, live)
+    with open_page(browser) as other:
+        look(other, live)
+        check_a_note(page, other, workspace, live)
+
+
+def check_a_note(page, other, workspace, live):
     other.locator('[data-tab="notes"]').click()
     look(page, live + at(RESOLUTION, "mer2/hillshade"))
     page.locator('[data-tab="notes"]').click()
@@ -248,7 +252,6 @@ def test_a_note_is_written_seen_by_others_deleted_and_restored(page, browser, wo
     page.get_by_role("button", name="Restore").click()
     until(page, lambda: "layered rock" in page.locator("[data-note]").inner_text())
     until(page, lambda: page.locator("[data-deleted]").count() == 0)
-    other.close()
 
 
 @pytest.mark.both_browsers

@@ -50,6 +50,7 @@ def large_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def opened(page, address: str) -> list[str]:
     """Opens the map; the URLs that the page requested."""
     requested: list[str] = []
+    page.goto("about:blank")
     page.on("request", lambda request: requested.append(request.url))
     page.goto(address)
     page.wait_for_selector('html[data-ready="true"]', state="attached", timeout=READY_MS)

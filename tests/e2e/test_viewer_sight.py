@@ -12,6 +12,7 @@ from tests.support.browsing import (
     Server,
     at,
     colour_at,
+    colour_now,
     keep_screenshot,
     look,
     pixel_of,
@@ -123,7 +124,7 @@ def test_a_viewshed_ends_at_the_horizon_and_is_removed_with_its_measurement(seei
     seeing.keyboard.press("Escape")
 
     def differs():
-        return np.abs(colour_at(screenshot(seeing, "viewshed"), seen_at) - grey).max() > 10
+        return np.abs(colour_now(seeing, seen_at) - grey).max() > 10
 
     grey = colour_at(bare, seen_at)
     until(seeing, differs)
@@ -163,11 +164,9 @@ def test_the_reachable_area_ends_behind_the_wall_and_is_drawn_on_the_map(seeing)
     grey = colour_at(bare, near)
     until(
         seeing,
-        lambda: np.abs(colour_at(screenshot(seeing, "reach"), near) - grey).max() > 10,
+        lambda: np.abs(colour_now(seeing, near) - grey).max() > 10,
     )
-    np.testing.assert_array_equal(
-        colour_at(screenshot(seeing, "reach"), behind), colour_at(bare, behind)
-    )
+    np.testing.assert_array_equal(colour_now(seeing, behind), colour_at(bare, behind))
     link = item.get_by_role("link", name="GeoTIFF").evaluate("a => a.href")
     assert seeing.request.get(link).ok
 
@@ -220,21 +219,17 @@ def test_tie_points_have_the_residual_colours_of_the_legend(page, dome_url):
     assert swatches.nth(3).inner_text() == "0.3 to 1 px"
 
 
-@pytest.mark.parametrize(
-    ("number", "reported"), [(3, "residual 0.50 px"), (5, "residual 26.00 px"), (6, "not known")]
-)
-def test_a_tie_point_under_the_pointer_shows_residual_kind_and_images(
-    page, dome_url, number, reported
-):
+def test_a_tie_point_under_the_pointer_shows_residual_kind_and_images(page, dome_url):
     look(page, dome_url + at(RESOLUTION, "mer2/orthophoto,mer2/tie-points"))
-    page.mouse.move(*pixel_of(page, *tie_place(number), RESOLUTION))
     tip = page.locator(".tip")
-    until(page, lambda: reported in tip.inner_text())
-    for part in ("cross-site", "0.03 m", "2N1400L0M1", "2N1401L0M1"):
-        assert part in tip.inner_text()
-    keep_screenshot(page, f"ties_tip_{number}")
-    page.mouse.move(*pixel_of(page, 0.0, -10.0, RESOLUTION))
-    until(page, lambda: not tip.is_visible())
+    for number, reported in ((3, "residual 0.50 px"), (5, "residual 26.00 px"), (6, "not known")):
+        page.mouse.move(*pixel_of(page, *tie_place(number), RESOLUTION))
+        until(page, lambda text=reported: text in tip.inner_text())
+        for part in ("cross-site", "0.03 m", "2N1400L0M1", "2N1401L0M1"):
+            assert part in tip.inner_text()
+        keep_screenshot(page, f"ties_tip_{number}")
+        page.mouse.move(*pixel_of(page, 0.0, -10.0, RESOLUTION))
+        until(page, lambda: not tip.is_visible())
 
 
 def test_a_click_on_a_tie_point_selects_the_pointing_line_below(page, dome_url):

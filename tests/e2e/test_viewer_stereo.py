@@ -36,9 +36,8 @@ def part(page, name: str) -> np.ndarray:
     page.wait_for_timeout(100)
     box = page.locator(".stereo-view canvas").bounding_box()
     x, y = round(box["x"]), round(box["y"] + 0.4 * box["height"])
-    height = round(0.2 * box["height"])
-    image = screenshot(page, f"stereo-{name}").astype(int)
-    return image[y : y + height, x : x + round(box["width"])]
+    size = {"width": round(box["width"]), "height": round(0.2 * box["height"])}
+    return screenshot(page, f"stereo-{name}", {"x": x, "y": y, **size}).astype(int)
 
 
 def put(page, nudge: int) -> None:

@@ -9,7 +9,16 @@ import pytest
 
 from solmap.photogrammetry.terrain.insolation.sun import Season, sun_directions
 from tests.support.bowl_store import LANDING
-from tests.support.browsing import at, colour_at, keep_screenshot, look, pixel_of, screenshot, until
+from tests.support.browsing import (
+    at,
+    colour_at,
+    colour_now,
+    keep_screenshot,
+    look,
+    pixel_of,
+    screenshot,
+    until,
+)
 
 NOTHING = np.array([0xCF, 0xCB, 0xC4])
 """Colour of the page where no layer is, `--ground` of the light page."""
@@ -85,13 +94,13 @@ def test_the_light_follows_the_slider(page, url):
     look(page, url + at(resolution) + "&sun=180,40&live=relief")
     page.locator('[data-tab="sun"]').click()
     place = pixel_of(page, 0.0, -15.0, resolution)
-    before = colour_at(screenshot(page, "light-before"), place).mean()
+    before = colour_now(page, place).mean()
     slider = page.get_by_label("azimuth of the sun")
     slider.evaluate(
         "node => { node.value = '0'; node.dispatchEvent(new Event('input', {bubbles: true})); }"
     )
     page.wait_for_timeout(500)
-    after = colour_at(screenshot(page, "light-after"), place).mean()
+    after = colour_now(page, place).mean()
     assert "sun=0,40" in page.url
     rise = -15.0 / 50.0
     lit = [

@@ -150,6 +150,17 @@ def hand(request, page):
     return request.param(page)
 
 
+same_by_keyboard = pytest.mark.parametrize(
+    "hand",
+    [
+        pytest.param(Mouse, id="mouse"),
+        pytest.param(Keyboard, id="keyboard", marks=pytest.mark.slow),
+    ],
+    indirect=True,
+)
+"""Of tasks whose keys are those of other tasks: `make test` counts their clicks only."""
+
+
 @pytest.fixture
 def bowl(hand, url):
     look(hand.page, url + MAP)
@@ -191,12 +202,14 @@ def sign_in(page, workspace: Workspace) -> None:
     until(page, lambda: "Ann (analyst)" in page.locator(".account").inner_text())
 
 
+@same_by_keyboard
 def test_the_error_of_a_stop(bowl):
     bowl.tab("stops")
     until(bowl.page, lambda: "1.56" in bowl.page.locator("#panel-stops").inner_text())
     done("error of every stop", bowl)
 
 
+@same_by_keyboard
 def test_go_to_a_latitude_and_longitude(bowl):
     bowl.press("/")
     bowl.type("14.5693S 175.4730E")
@@ -334,6 +347,7 @@ def test_share_a_link_with_a_3d_view(hand, tmp_path):
         page.wait_for_selector('.scene[data-settled="true"]', timeout=60_000)
 
 
+@same_by_keyboard
 def test_compare_two_solutions(hand, images_url):
     page = hand.page
     look(page, f"{images_url}/#m=MER2&at=0,0,0.02&on=")
@@ -350,6 +364,7 @@ def test_compare_two_solutions(hand, images_url):
     done("two solutions compared", hand)
 
 
+@same_by_keyboard
 def test_images_of_an_instrument_and_a_sol(bowl):
     bowl.press("a")
     subject = bowl.page.locator(".table-bar select").first
@@ -362,6 +377,7 @@ def test_images_of_an_instrument_and_a_sol(bowl):
     done("images of an instrument and a sol", bowl)
 
 
+@same_by_keyboard
 @pytest.mark.parametrize(
     ("variant", "form", "start"), [(0, "PNG", b"\x89PNG"), (1, "PDF", b"%PDF-1.4")]
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.support.browsing import at, look, open_page, ready, until
+from tests.support.browsing import at, look, ready, until
 
 PERSON = "Object.defineProperty(Navigator.prototype, 'webdriver', { get: () => false })"
 STEPS = 7
@@ -13,6 +13,7 @@ def title(page) -> str:
 
 
 def test_help_leads_through_the_page_by_keyboard_and_back_to_help(page, url):
+    page.emulate_media(reduced_motion="reduce")
     look(page, url + at(0.1, "mer2/stops,mer2/traverse"))
     assert page.locator(".tour-offer").count() == 0
     page.get_by_role("button", name="Help").click()
@@ -52,13 +53,13 @@ def test_escape_ends_the_tour(page, url):
     page.wait_for_selector(".driver-popover", state="detached")
 
 
-def test_the_tour_is_offered_to_a_person_once(browser, url):
-    with open_page(browser) as page:
-        page.add_init_script(PERSON)
-        look(page, url + at(0.1, "mer2/stops"))
-        page.locator(".tour-offer").get_by_role("button", name="No, thanks").click()
-        assert page.locator(".tour-offer").count() == 0
-        page.reload()
-        ready(page)
-        assert page.locator(".help").is_visible()
-        assert page.locator(".tour-offer").count() == 0
+def test_the_tour_is_offered_to_a_person_once(new_page, url):
+    page = new_page
+    page.add_init_script(PERSON)
+    look(page, url + at(0.1, "mer2/stops"))
+    page.locator(".tour-offer").get_by_role("button", name="No, thanks").click()
+    assert page.locator(".tour-offer").count() == 0
+    page.reload()
+    ready(page)
+    assert page.locator(".help").is_visible()
+    assert page.locator(".tour-offer").count() == 0

@@ -11,6 +11,7 @@ from tests.support.browsing import (
     Server,
     at,
     colour_at,
+    colour_now,
     keep_screenshot,
     look,
     pixel_of,
@@ -74,6 +75,7 @@ def test_a_comparison_requested_before_its_part_has_loaded_is_shown(page, twice)
     versions, url = twice
     held = []
     page.route("**/later-parts*", lambda route: held.append(route))  # noqa: PLW0108 - needs no self
+    page.goto("about:blank")
     page.goto(url + at(RESOLUTION, f"{versions.moved}/orthophoto"))
     list_versions(page, versions.moved, "orthophoto")
     earlier(page, versions.moved, "orthophoto").get_by_text("swipe").click()
@@ -101,7 +103,6 @@ def test_two_solutions_are_on_both_sides_of_the_divider_and_the_link_restores_th
     assert "orthophoto@" in unquote(address)
     left, right = sides(page, "versions-swipe")
     assert left - right == pytest.approx(GREYS[1] - GREYS[0], abs=8)
-    page.goto("about:blank")
     look(page, address)
     page.wait_for_selector(".divider")
     ready(page)
@@ -125,7 +126,7 @@ def test_the_older_image_flickers_over_the_newer(page, twice):
     seen = set()
 
     def saw_both() -> bool:
-        seen.add(round(float(colour_at(screenshot(page, "versions-flicker"), place).mean()), -1))
+        seen.add(round(float(colour_now(page, place).mean()), -1))
         return len({grey for grey in seen if min(abs(grey - g) for g in GREYS) < 15}) > 1
 
     until(page, saw_both)

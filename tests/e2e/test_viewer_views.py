@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from tests.support.browsing import at, keep_screenshot, look, ready, until
+from tests.support.browsing import at, keep_screenshot, look, open_page, ready, until
 
 
 def on_plain(page, url: str) -> None:
@@ -94,8 +94,11 @@ def test_views_are_moved_between_browsers_in_a_file(bowl, browser, url, tmp_path
     path = tmp_path / "views.json"
     download.value.save_as(path)
     keep_screenshot(bowl, "saved-views")
-    context = browser.new_context(viewport={"width": 390, "height": 844})
-    page = context.new_page()
+    with open_page(browser, 390, 844) as page:
+        import_views(page, url, path, tmp_path)
+
+
+def import_views(page, url, path, tmp_path) -> None:
     on_plain(page, url)
     open_views(page)
     assert names(page) == []
@@ -112,4 +115,3 @@ def test_views_are_moved_between_browsers_in_a_file(bowl, browser, url, tmp_path
     trouble = page.locator("dialog [role=alert]")
     until(page, lambda: "holds no saved views" in trouble.inner_text())
     assert names(page) == ["bowl"]
-    context.close()

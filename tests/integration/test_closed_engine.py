@@ -28,7 +28,6 @@ from solmap.flows.runtime.engine import (
     prepare_engine,
     running_engine,
 )
-from tests.support.engine_database import copy_empty_database
 
 WRITES = {"post", "put", "patch", "delete"}
 OPEN = {"/api/health", "/api/ready"}
@@ -45,7 +44,6 @@ class Engine:
             for name in [name for name in os.environ if name.startswith("PREFECT_")]:
                 del os.environ[name]
             prepare_engine(store)
-            copy_empty_database(store / "prefect" / "prefect.db")
             os.environ["PREFECT_SERVER_SERVICES_DB_VACUUM_LOOP_SECONDS"] = "5"
             os.environ["PREFECT_SERVER_SERVICES_SCHEDULER_LOOP_SECONDS"] = "2"
             self.port = free_port()

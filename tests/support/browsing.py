@@ -27,8 +27,17 @@ DIST = Path(os.environ.get("SOLMAP_VIEWER", ROOT / "gis_server" / "viewer" / "di
 """The built viewer; SOLMAP_VIEWER names another build of it."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FIREFOX = ("firefox-esr", "firefox")
+WITHOUT = (
+    *("WebUIOmniboxPopup", "WebUIOmniboxFullPopup", "WebUIOmniboxAimPopup"),
+    *("AimEnabled", "PreconnectToSearch", "OptimizationHints", "NetworkTimeServiceQuerying"),
+    *("MediaRouter", "LensOverlay", "HttpsUpgrades", "HttpsFirstBalancedModeAutoEnable"),
+    *("PaintHolding", "DestroyProfileOnBrowserClose", "AvoidUnnecessaryBeforeUnloadCheckSync"),
+)
+"""Features of Chromium that are off: two pages of its search box, which take 0.8 s of processor in
+every browser context, and what Playwright names in the argument that this one replaces."""
 ARGUMENTS = (
     "--no-sandbox",
+    f"--disable-features={','.join(WITHOUT)}",
     "--disable-gpu",
     "--disable-background-networking",
     "--disable-component-update",
@@ -38,16 +47,38 @@ ARGUMENTS = (
     "--in-process-gpu",
 )
 WAIT_MS = 60_000
-_CONTEXTS: WeakKeyDictionary[Any, dict[float, list[Any]]] = WeakKeyDictionary()
-"""Of a browser: contexts that no page uses, by their pixels per CSS pixel."""
+_FREE: WeakKeyDictionary[Any, dict[tuple, list[Any]]] = WeakKeyDictionary()
+"""Of a browser: pages that no test uses, by width, height and pixels per CSS pixel."""
+OPEN = """(address) => {
+  const { dataset } = document.documentElement;
+  for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
+  for (const button of document.querySelectorAll("header > button[aria-expanded]"))
+    if ((button.ariaExpanded === "true") !== matchMedia("(min-width: 1100px)").matches)
+      button.click();
+  delete dataset.theme;
+  delete dataset.opened;
+  document.querySelector(".toast").replaceChildren();
+  document.activeElement.blur();
+  new MutationObserver((_, observer) => {  // the mission's heading is new, and so is its session
+    observer.disconnect();
+    delete history.replaceState;
+    delete history.pushState;
+    Object.assign(dataset, { ready: "false", opened: "" });
+  }).observe(document.querySelector(".mission"), { childList: true });
+  history.replaceState({ view: 0 }, "", "#m=another");
+  dispatchEvent(new PopStateEvent("popstate"));
+  history.replaceState({ view: 0 }, "", address);  // read when the server has answered
+  history.replaceState = history.pushState = () => undefined;  // the old session writes late
+}"""
+"""Open a link as after a choice of mission, by which the viewer disposes of all that it shows."""
 
 
 class Server:
     """The real server on a free port, in a thread."""
 
-    def __init__(self, store: Path, path: str = "") -> None:
-        """A server of a store, below a path as behind a reverse proxy."""
-        self.socket = socket.create_server(("127.0.0.1", 0))
+    def __init__(self, store: Path, path: str = "", listener: socket.socket | None = None) -> None:
+        """A server of a store, below a path as behind a reverse proxy, or where others listened."""
+        self.socket = listener.dup() if listener else socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}{path}"
         self.uvicorn = uvicorn.Server(
             uvicorn.Config(
@@ -121,20 +152,42 @@ def _installed(names: tuple[str, ...]) -> str:
 
 
 @contextmanager
-def open_page(browser, width: int = 1280, height: int = 800, scale: float = 1.0) -> Iterator:
+def open_page(
+    browser, width: int = 1280, height: int = 800, scale: float = 1.0, *, is_new: bool = False
+) -> Iterator:
     """A page that must raise no error, get none from the server, and contact no other host.
 
-    Its browser context was used by earlier pages if one is free. Nothing is stored or permitted
-    there, but scripts are cached, as long as the context has a page: it keeps an empty one.
+    An earlier test may have used it, and nothing is stored or permitted there: what `look` opens in
+    its viewer takes half as long as loading the viewer. A new page is closed at the end.
     """
-    free = _CONTEXTS.setdefault(browser, {}).setdefault(scale, [])
-    if free:
-        context = free.pop()
-    else:
-        context = browser.new_context(device_scale_factor=scale)
-        context.new_page()
-    opened = context.new_page()
+    free = _FREE.setdefault(browser, {}).setdefault((width, height, scale), [])
+    opened = free.pop() if free and not is_new else _new_page(browser, scale)
     opened.set_viewport_size({"width": width, "height": height})
+    opened.faults.clear()
+    opened.elsewhere.clear()
+    yield opened
+    assert opened.faults == []
+    assert opened.elsewhere == []
+    context = opened.context
+    if is_new:
+        context.close()
+        return
+    context.set_offline(offline=False)
+    context.clear_permissions()
+    opened.unroute_all()
+    opened.emulate_media(color_scheme="null", reduced_motion="null")
+    opened.mouse.move(0, 0)
+    if opened.url.startswith("http"):
+        opened.evaluate("localStorage.clear(); sessionStorage.clear()")
+    for page in context.pages:
+        if page is not opened:
+            page.close()
+    free.append(opened)
+
+
+def _new_page(browser, scale: float):
+    """A page in a browser context of its own, which keeps what goes wrong."""
+    opened = browser.new_context(device_scale_factor=scale).new_page()
     opened.faults = []
     opened.on("pageerror", lambda error: opened.faults.append(str(error)))
     opened.on(
@@ -152,22 +205,22 @@ def open_page(browser, width: int = 1280, height: int = 800, scale: float = 1.0)
             else opened.elsewhere.append(request.url)
         ),
     )
-    yield opened
-    assert opened.faults == []
-    assert opened.elsewhere == []
-    context.set_offline(offline=False)
-    context.clear_permissions()
-    if opened.url.startswith("http"):
-        opened.evaluate("localStorage.clear()")
-    for page in context.pages[1:]:
-        page.close()
-    free.append(context)
+    return opened
 
 
 def look(page, address: str) -> None:
-    """Reload the viewer: it follows a link that differs only in its fragment without loading."""
-    if page.url != "about:blank":
-        page.goto("about:blank")
+    """Open a link in the viewer, which is loaded where the page does not show it yet."""
+    if page.url.partition("#")[0].rstrip("/") == address.partition("#")[0].rstrip("/"):
+        page.evaluate(OPEN, address)
+        page.wait_for_selector("html[data-opened]", state="attached", timeout=WAIT_MS)
+    else:
+        page.goto(address)
+    ready(page)
+
+
+def load(page, address: str) -> None:
+    """Load the viewer: it follows a link that differs only in its fragment without that."""
+    page.goto("about:blank")
     page.goto(address)
     ready(page)
 
@@ -203,9 +256,9 @@ def pixel_of(page, east, north, resolution: float) -> tuple:
     return x, box["y"] + box["height"] / 2 - north / resolution
 
 
-def screenshot(page, name: str) -> np.ndarray:
-    """Red, green, blue of the page; kept in the folder of SOLMAP_SCREENSHOTS."""
-    body = page.screenshot()
+def screenshot(page, name: str, clip: dict[str, float] | None = None) -> np.ndarray:
+    """Red, green, blue of the page or of a part; kept in the folder of SOLMAP_SCREENSHOTS."""
+    body = page.screenshot(caret="initial", clip=clip)
     if folder := os.environ.get("SOLMAP_SCREENSHOTS"):
         Path(folder).mkdir(parents=True, exist_ok=True)
         (Path(folder) / f"{name}.png").write_bytes(body)
@@ -221,6 +274,12 @@ def keep_screenshot(page, name: str) -> None:
 def colour_at(image: np.ndarray, place: tuple[float, float]) -> np.ndarray:
     x, y = (round(value) for value in place)
     return image[y, x].astype(int)
+
+
+def colour_now(page, place: tuple[float, float]) -> np.ndarray:
+    """Red, green, blue of one place of the page, at a quarter of the cost of the whole."""
+    x, y = (round(value) for value in place)
+    return screenshot(page, "pixel", {"x": x, "y": y, "width": 1, "height": 1})[0, 0].astype(int)
 
 
 def field(page, key: str) -> str:

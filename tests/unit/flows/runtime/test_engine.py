@@ -65,7 +65,7 @@ def _own_database(monkeypatch):
 
 @pytest.mark.usefixtures("_own_database")
 def test_the_tables_of_the_installed_version_are_made_at_once(tmp_path):
-    make_database(tmp_path)
+    make_database(tmp_path / "prefect.db")
     assert [path.name for path in tmp_path.iterdir()] == ["prefect.db"]
     assert _tables(tmp_path / "prefect.db") > 100
 
@@ -73,7 +73,7 @@ def test_the_tables_of_the_installed_version_are_made_at_once(tmp_path):
 @pytest.mark.usefixtures("_own_database")
 def test_a_database_that_exists_is_left_as_it_is(tmp_path):
     (tmp_path / "prefect.db").write_text("runs")
-    make_database(tmp_path)
+    make_database(tmp_path / "prefect.db")
     assert (tmp_path / "prefect.db").read_text() == "runs"
 
 
@@ -82,13 +82,13 @@ def test_tables_of_another_version_are_left_to_its_server(tmp_path, monkeypatch)
     other = tmp_path / "other.sql"
     other.write_text(SCHEMA.read_text().replace(version("prefect"), "3.0.0", 1))
     monkeypatch.setattr(engine, "SCHEMA", other)
-    make_database(tmp_path)
+    make_database(tmp_path / "prefect.db")
     assert not (tmp_path / "prefect.db").exists()
 
 
 def test_no_tables_are_made_where_another_database_is_set(tmp_path, monkeypatch):
     monkeypatch.setenv("PREFECT_API_DATABASE_CONNECTION_URL", "postgresql+asyncpg://elsewhere/runs")
-    make_database(tmp_path)
+    make_database(tmp_path / "prefect.db")
     assert not list(tmp_path.iterdir())
 
 
