@@ -49,7 +49,7 @@ def test_the_rest_of_the_page_loads_after_the_map(view):
     assert any(path.endswith("/images") for path in later)
 
 
-@pytest.mark.parametrize("kind", ["footprints", "stops"])
+@pytest.mark.parametrize("kind", [pytest.param("footprints", marks=pytest.mark.slow), "stops"])
 def test_later_parts_load_after_the_page_is_drawn(page, url, kind):
     def late(route) -> None:
         page.wait_for_timeout(LATEST_MS + 500)

@@ -128,7 +128,7 @@ def large_url(tmp_path_factory) -> Iterator[str]:
         yield server.url
 
 
-@pytest.mark.parametrize("subject", ["images", "ties"])
+@pytest.mark.parametrize("subject", [pytest.param("images", marks=pytest.mark.slow), "ties"])
 def test_only_visible_rows_are_in_the_page(page, large_url, subject):
     look(page, large_url + at(0.5))
     open_table(page, subject)
