@@ -304,8 +304,10 @@ def test_an_annotation_is_kept_while_the_server_is_away(page, workspace, live):
     page.locator('dialog button[type="submit"]').click()
     unsent = page.locator("[data-unsent]")
     unsent.wait_for()
+    address = page.url
+    page.goto("about:blank")  # the page is closed before the server is back
     page.unroute("**/edits/annotations")
-    page.reload()  # the page was closed meanwhile
+    page.goto(address)
     ready(page)
     page.locator('[data-tab="notes"]').click()
     until(page, lambda: page.locator("[data-note]").count() == 1)
