@@ -1,9 +1,9 @@
 """Loops over pixels, cells and profiles of terrain, compiled.
 
-Points are (east, north, up) from the camera, metres, single precision. A square has four
-neighbouring pixels as corners; its number is that of its upper left one. `Lattice` is the part of
-the map's lattice in a view: its rows and columns, and the side of a cell; (east, south) of the
-camera in cells.
+Points are (east, north, up) from the camera, metres, single precision, as planes of shape
+(3, lines, samples). A square has four neighbouring pixels as corners and is marked at its upper
+left one. The methods are described where the loops are called: `dtm.ground`, `dtm.heights`,
+`dtm.occlusion`, `insolation.horizon`, `orthophoto.panorama_grid`, `mesh.point_cloud`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SPLITS = 4
 """Most repetitions of keeping the points above the mean: one sixteenth of them remains then."""
 
 LEAST_WEIGHT = 1e-3
-"""Distance to the nearest known ground above which a position on a line is unknown."""
+"""Weight of known cells up to which a position on a line of sight is unknown."""
 LEAST_KNOWN = 0.5
 """Weight of known cells below which a value between cells counts as not known."""
 SKY_M = 10_000.0
@@ -27,7 +27,9 @@ HASH = np.int64(-7046029254386353131)
 """2^64 over the golden ratio: multiplied by it, keys near each other are spread evenly."""
 
 Lattice = tuple[int, int, np.float32, np.float32, np.float32]
-"""Rows, columns, side of a cell in metres, and the camera's position east and south, in cells."""
+"""The part of the map's lattice in a view: rows, columns, side of a cell in metres, and position of
+the camera east and south of its outer upper left corner, in cells."""
+LATTICE = ("int64", "int64", "float32", "float32", "float32")
 
 
 @compiled("image", "points", "per_point", "per_point", "float32", "float32")
@@ -42,8 +44,8 @@ def points_of_pixels(
     """Position of every pixel with a parallax; NaN elsewhere, and beyond the radius.
 
     Args:
-        parallax: Pixels; NaN where there is none.
-        rotation: From (right, down, forward) of the pair to (east, north, up).
+        parallax: (lines, samples), pixels; NaN where there is none.
+        rotation: (3, 3), from (right, down, forward) of the pair to (east, north, up).
         across: Right over forward, of every sample.
         down: Down over forward, of every line.
         focal_base: Focal length x base, pixel metres.
@@ -57,17 +59,18 @@ def points_of_pixels(
             if np.isnan(p):
                 continue
             depth = focal_base / p
-            east, north, up = (
-                np.float32(rotation[0, 0] * across[x] + rotation[0, 1] * down[y] + rotation[0, 2])
-                * depth,
-                np.float32(rotation[1, 0] * across[x] + rotation[1, 1] * down[y] + rotation[1, 2])
-                * depth,
-                np.float32(rotation[2, 0] * across[x] + rotation[2, 1] * down[y] + rotation[2, 2])
-                * depth,
-            )
+            east = _along_ray(rotation[0], across[x], down[y]) * depth
+            north = _along_ray(rotation[1], across[x], down[y]) * depth
             if east * east + north * north <= radius_m * radius_m:
-                planes[0, y, x], planes[1, y, x], planes[2, y, x] = east, north, up
+                planes[0, y, x], planes[1, y, x] = east, north
+                planes[2, y, x] = _along_ray(rotation[2], across[x], down[y]) * depth
     return planes
+
+
+@compiled()
+def _along_ray(axis: np.ndarray, across: float, down: float) -> np.float32:
+    """Component of a pixel's ray along an axis, over its forward component."""
+    return np.float32(axis[0] * across + axis[1] * down + axis[2])
 
 
 @compiled()
@@ -84,13 +87,13 @@ def continuous_squares(
 ) -> np.ndarray:
     """Squares whose sides all have steps of at most `step_px` of parallax and `gap_m` on the map.
 
-    The last line and sample have none.
+    Marks of shape (lines, samples); the last line and sample have none.
     """
     lines, samples = parallax.shape
     farthest = gap_m * gap_m
     squares = np.zeros((lines, samples), np.bool_)
-    down = np.zeros((2, samples), np.bool_)  # sides from the line above, and from this one
-    along = np.zeros((2, samples), np.bool_)
+    down = np.zeros(samples, np.bool_)  # sides from the line above to this one
+    along = np.zeros((2, samples), np.bool_)  # sides along these two
     for y in range(lines):
         for x in range(samples - 1):
             along[y % 2, x] = (
@@ -100,12 +103,12 @@ def continuous_squares(
         if y == 0:
             continue
         for x in range(samples):
-            down[0, x] = (
+            down[x] = (
                 abs(parallax[y, x] - parallax[y - 1, x]) <= step_px
                 and _squared_m(planes, y - 1, x, 0) <= farthest
             )
         for x in range(samples - 1):
-            squares[y - 1, x] = along[0, x] and along[1, x] and down[0, x] and down[0, x + 1]
+            squares[y - 1, x] = along[0, x] and along[1, x] and down[x] and down[x + 1]
     return squares
 
 
@@ -146,9 +149,6 @@ def _moments(values: np.ndarray, count: int) -> tuple[float, float]:
     return mean, np.sqrt(variance / count)
 
 
-LATTICE = ("int64", "int64", "float32", "float32", "float32")
-
-
 @compiled("planes", "image", "image", LATTICE, "float32", "float64")
 def upper_levels(
     planes: np.ndarray,
@@ -172,8 +172,8 @@ def upper_levels(
         slope_m: Scatter of a cell by the steepest slope, metres.
 
     Returns:
-        Rows for count, mean and standard deviation of heights, and mean square of the standard
-        deviations of parallax, of every cell; 0 where there are no points.
+        (4, cells): count, mean and standard deviation of the heights of a cell (metres), and mean
+        square of the standard deviations of parallax; 0 where there are no points.
     """
     _, lines, samples = planes.shape
     found = np.zeros((4, lattice[0] * lattice[1]))
@@ -238,14 +238,14 @@ def cells_of_mesh(
     Args:
         planes: Points of the view.
         squares: Squares of continuous ground.
-        measured: The cells of points, as of `upper_levels`.
+        measured: (4, cells), as of `upper_levels`.
         lattice: The cells.
         spacing_m: Largest distance between samples.
 
     Returns:
-        Rows for the number of samples, and the sums of their heights and of the length L t (1 - t)
-        over which the ground between may deviate: L the distance of the lines, t the position
-        between them.
+        (3, cells): the number of samples, and the sums of their heights and of the length L t (1 -
+        t) over which the ground between may deviate: L the distance of the lines, t the position
+        between them; metres.
     """
     found = np.zeros((3, measured.shape[1]))
     lines, samples = squares.shape
@@ -297,15 +297,16 @@ def hidden_along(
     """Ground along profiles from a camera, supposed in gaps, and which of it is hidden.
 
     Args:
-        height: Above the camera, metres, by distance and profile; NaN in gaps.
-        distance_m: Distances.
+        height: (ranges, profiles), metres above the camera; NaN in gaps.
+        distance_m: Of the ranges.
         tangent_beyond: Of the lowest ground beyond each profile; infinite where there is none.
-        nearness_beyond: One over its distance.
+        nearness_beyond: One over its distance, per metre.
         line: Tangent of a line of the image.
         least_m: Least distance below the camera of planes of visible ground.
 
     Returns:
-        The height, in gaps the lower one beside them, and whether ground there is hidden.
+        (ranges, profiles): the height, in gaps the lower one beside them, and whether ground there
+        is hidden.
     """
     ranges, profiles = height.shape
     infinite = np.float32(np.inf)
@@ -331,8 +332,8 @@ def hidden_along(
             known = not np.isnan(height[r, k])
             if known:
                 after[k] = supposed[r, k]
-            elif not supposed[r, k] <= after[k]:
-                supposed[r, k] = after[k] if not np.isnan(after[k]) else supposed[r, k]
+            elif np.isnan(supposed[r, k]) or after[k] < supposed[r, k]:
+                supposed[r, k] = after[k]
             tangent = highest[r, k]
             if not known:
                 rise = max(above[k] - tangent, line)
@@ -351,9 +352,12 @@ def rise_along_lines(elevation: np.ndarray, whole: np.ndarray, share: np.ndarray
     """Steepest rise per row from every cell to those above it along its line; 0 if none.
 
     Args:
-        elevation: Metres; NaN where unknown.
+        elevation: (rows, cols), metres; NaN where unknown.
         whole: Columns by which every row is moved so that lines are columns, rounded down.
         share: Remainders.
+
+    Returns:
+        (rows, cols), metres a row.
     """
     rows, cols = elevation.shape
     lines = whole.max() + cols + 1
@@ -397,7 +401,7 @@ def rise_along_lines(elevation: np.ndarray, whole: np.ndarray, share: np.ndarray
 
 @compiled("points", "per_point")
 def without_gaps(height: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Heights over the plane, gaps interpolated along each row; 0 in rows without ground."""
+    """Heights (rows, len(r)), gaps interpolated along each row over `r`; 0 in rows without any."""
     filled = np.zeros(height.shape)
     for row in range(len(height)):
         last = -1
@@ -424,12 +428,13 @@ def first_hits(
     """Distances at which profiles first reach elevation angles, and at which step.
 
     Args:
-        profiles: Elevation angle of the ground, a row for each azimuth, a column for each `r`.
-        r: Distances on the map.
-        angles: Decreasing.
+        profiles: (azimuths, len(r)), elevation angles of the ground, radians.
+        r: Distances on the map, increasing, metres.
+        angles: Decreasing, radians.
 
     Returns:
-        Rows for the angles, and columns for the azimuths.
+        (angles, azimuths): distances along the ray, metres, `SKY_M` where no ground is reached;
+        indices of `r`, their number there.
     """
     count = len(r)
     found = np.empty((len(angles), len(profiles)))
@@ -456,7 +461,10 @@ def first_hits(
 
 @compiled("image", "per_point", "per_point")
 def values_between(values: np.ndarray, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-    """Values at places in cells, from known ones around; NaN where most of these are unknown."""
+    """Values at rows and columns between cell centres, bilinear over known cells.
+
+    NaN where these have at most `LEAST_KNOWN` of the weight, and beyond the cells.
+    """
     lines, samples = values.shape
     found = np.full(len(rows), np.nan)
     for n in range(len(rows)):
@@ -478,8 +486,11 @@ def values_between(values: np.ndarray, rows: np.ndarray, cols: np.ndarray) -> np
 
 
 @compiled("indices", "indices")
-def best_of_each(key: np.ndarray, worth: np.ndarray) -> np.ndarray:
-    """Index of the first of least `worth` of every key, in any order, by a table of hashes."""
+def least_of_each(key: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Index of the least `sigma` of every key, the first of equal ones; in any order.
+
+    By a table of hashes with open addressing.
+    """
     size = 1
     while size < 2 * len(key):
         size *= 2
@@ -488,6 +499,6 @@ def best_of_each(key: np.ndarray, worth: np.ndarray) -> np.ndarray:
         slot = (key[n] * HASH >> 20) & (size - 1)
         while table[slot] >= 0 and key[table[slot]] != key[n]:
             slot = (slot + 1) & (size - 1)
-        if table[slot] < 0 or worth[n] < worth[table[slot]]:
+        if table[slot] < 0 or sigma[n] < sigma[table[slot]]:
             table[slot] = n
     return table[table >= 0]

@@ -92,7 +92,7 @@ class Dtm:
         return np.maximum.reduceat(np.maximum.reduceat(known, rows, axis=0), cols, axis=1)
 
     def part(self, rows: slice, cols: slice) -> Dtm:
-        """A window of the model, inside its grid."""
+        """A window of the model, inside its grid; with a step, not of all cells."""
         own = (rows, cols)
         pose = None if self.pose_sigma_m is None else self.pose_sigma_m[own]
         return Dtm(

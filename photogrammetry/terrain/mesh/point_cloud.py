@@ -30,7 +30,7 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.kernels import best_of_each
+from solmap.photogrammetry.terrain.kernels import least_of_each
 from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 
 SAMPLED = 37
@@ -185,5 +185,5 @@ def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
     cubes -= cubes.min(axis=0)
     _, north, up = (int(one) + 1 for one in cubes.max(axis=0))
     key = (cubes[:, 0] * north + cubes[:, 1]) * up + cubes[:, 2]
-    worth = np.clip(cloud.sigma_m / SIGMA_STEP_M, 0, 65535).astype(np.int64)
-    return np.sort(best_of_each(key, worth))
+    steps = np.clip(cloud.sigma_m / SIGMA_STEP_M, 0, 65535).astype(np.int64)
+    return np.sort(least_of_each(key, steps))
