@@ -33,6 +33,18 @@ Weights = tuple[np.float32, np.float32, np.float32, np.float32]
 TINY = 1e-12
 """Energy of a window treated as zero."""
 
+UNKNOWNS = 8
+"""Of an affine map: shift of two, change of shape of four, contrast and brightness."""
+
+RIM = 2
+"""Cells around a patch needed by slopes of fourth order."""
+
+FAINT = 1e-9
+"""Contrast treated as zero."""
+
+STIFFNESS = 1e-6
+"""Relative addition to the diagonal, so that a patch without texture has a solution."""
+
 
 @compiled()
 def _spline_weights(f: np.float32) -> Weights:
@@ -381,6 +393,158 @@ def fit_offsets(
             dv = min(max((uu * g - uv * f) / determinant, -1.0), 1.0)
             u, v = u + du, v + dv
         out[n, 0], out[n, 1], out[n, 2], out[n, 3] = u, v, du, dv
+    return out
+
+
+@compiled()
+def _invert(a: np.ndarray) -> None:
+    """Replace a positive definite matrix by its inverse (Gauss and Jordan)."""
+    for k in range(len(a)):
+        pivot = 1 / a[k, k]
+        a[k, k] = 1.0
+        a[k] *= pivot
+        for i in range(len(a)):
+            if i != k:
+                factor = a[i, k]
+                a[i, k] = 0.0
+                a[i] -= factor * a[k]
+
+
+@compiled()
+def _draw_patch(
+    search: np.ndarray, affine: np.ndarray, u: float, v: float, patch: np.ndarray
+) -> None:
+    """A search patch at A x + (u, v), less its mean within the rim; x, u, v from the middles."""
+    size, side = search.shape[0], patch.shape[0]
+    middle, half = (size - 1) / 2, side // 2
+    total = 0.0
+    for r in range(side):
+        for c in range(side):
+            x, y = c - half, r - half
+            across = affine[0, 0] * x + affine[0, 1] * y + u + middle
+            along = affine[1, 0] * x + affine[1, 1] * y + v + middle
+            across = min(max(across, 1.0), size - 2.001)
+            along = min(max(along, 1.0), size - 2.001)
+            i, j = int(across), int(along)
+            f, g = across - i, along - j
+            upper = search[j, i] * (1 - f) + search[j, i + 1] * f
+            lower = search[j + 1, i] * (1 - f) + search[j + 1, i + 1] * f
+            patch[r, c] = upper * (1 - g) + lower * g
+            if RIM <= r < side - RIM and RIM <= c < side - RIM:
+                total += patch[r, c]
+    patch -= total / (side - 2 * RIM) ** 2
+
+
+@compiled()
+def _affine_columns(patch: np.ndarray, design: np.ndarray) -> None:
+    """Derivatives of a patch without its rim by shift, affine map, contrast and brightness."""
+    side = patch.shape[0] - 2 * RIM
+    half, k = side // 2, 0
+    for r in range(RIM, RIM + side):
+        for c in range(RIM, RIM + side):
+            x, y = c - RIM - half, r - RIM - half
+            near, far = patch[r, c + 1] - patch[r, c - 1], patch[r, c + 2] - patch[r, c - 2]
+            along = (8 * near - far) / 12
+            near, far = patch[r + 1, c] - patch[r - 1, c], patch[r + 2, c] - patch[r - 2, c]
+            down = (8 * near - far) / 12
+            design[0, k], design[1, k] = along, down
+            design[2, k], design[3, k] = along * x, along * y
+            design[4, k], design[5, k] = down * x, down * y
+            design[6, k] = patch[r, c]
+            k += 1
+
+
+@compiled()
+def _correlation_of_neighbours(residual: np.ndarray, side: int) -> float:
+    """Number of correlated neighbouring residuals that are equivalent to one.
+
+    Smoothed and interpolated patches leave correlated residuals; for a first-order process (1 + r)
+    / (1 - r) of them, along each axis, have the information of one.
+    """
+    power = max(_dot(residual, residual) / len(residual), 1e-12)
+    along = down = 0.0
+    for k in range(len(residual)):
+        if k % side:
+            along += residual[k] * residual[k - 1]
+        if k >= side:
+            down += residual[k] * residual[k - side]
+    number = side * (side - 1) * power
+    a, b = min(max(along / number, 0.0), 0.9), min(max(down / number, 0.0), 0.9)
+    return (1 + a) / (1 - a) * (1 + b) / (1 - b)
+
+
+@compiled("planes", "planes", "points", ("int32", "float64"))
+def fit_affine(
+    templates: np.ndarray, searches: np.ndarray, start: np.ndarray, limits: tuple[int, float]
+) -> np.ndarray:
+    """Affine maps of templates to wider search patches, with brightness and contrast.
+
+    Args:
+        templates: (n, a, a), a odd.
+        searches: (n, b, b), b odd.
+        start: (n, 2): approximate shifts by columns and rows.
+        limits: Gauss-Newton steps; largest change of shape in one of them.
+
+    Returns:
+        A row (shift by columns and by rows, its sigma, affine matrix row by row, correlation,
+        length of the last step) for each patch.
+    """
+    steps, stretch = limits
+    side = templates.shape[1]
+    size = side * side
+    out = np.empty((len(templates), 9))
+    design = np.ones((UNKNOWNS, size))
+    patch = np.empty((side + 2 * RIM, side + 2 * RIM))
+    template, rest = np.empty(size), np.empty(size)
+    normal, scale, found = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    affine, change = np.empty((2, 2)), np.empty((2, 2))
+    for n in range(len(templates)):
+        for k in range(size):
+            template[k] = templates[n, k // side, k % side]
+        _centre(template)
+        power = _dot(template, template)
+        u, v = start[n]
+        affine[:] = 0
+        affine[0, 0] = affine[1, 1] = 1
+        variance = last = 0.0
+        for _ in range(steps):
+            _draw_patch(searches[n], affine, u, v, patch)
+            _affine_columns(patch, design)
+            spread = np.sqrt(_dot(design[6], design[6]) / size)
+            gain = np.sqrt(power / size) / max(spread, FAINT)
+            design[:7] *= gain
+            rest[:] = template - design[6]
+            for i in range(UNKNOWNS):
+                scale[i] = max(np.sqrt(_dot(design[i], design[i]) / size), FAINT)
+            for i in range(UNKNOWNS):
+                for j in range(i + 1):
+                    normal[i, j] = _dot(design[i], design[j]) / (scale[i] * scale[j])
+                    normal[j, i] = normal[i, j]
+                normal[i, i] += STIFFNESS * size
+            _invert(normal)
+            found[:] = 0
+            for j in range(UNKNOWNS):
+                found += normal[j] * (_dot(design[j], rest) / scale[j])
+            found /= scale
+            for j in range(UNKNOWNS):
+                rest -= found[j] * design[j]
+            variance = (normal[0, 0] / scale[0] ** 2 + normal[1, 1] / scale[1] ** 2) / 2
+            e, f = min(max(found[0], -1.0), 1.0), min(max(found[1], -1.0), 1.0)
+            du, dv = affine[0, 0] * e + affine[0, 1] * f, affine[1, 0] * e + affine[1, 1] * f
+            u, v, last = u + du, v + dv, max(abs(du), abs(dv))
+            for i in range(2):
+                for j in range(2):
+                    one = min(max(found[2 + j], -stretch), stretch)
+                    other = min(max(found[4 + j], -stretch), stretch)
+                    change[i, j] = affine[i, 0] * one + affine[i, 1] * other
+            affine += change
+        variance *= _dot(rest, rest) / (size - UNKNOWNS) * _correlation_of_neighbours(rest, side)
+        _draw_patch(searches[n], affine, u, v, patch)
+        _affine_columns(patch, design)
+        energy = np.sqrt(power * _dot(design[6], design[6]))
+        out[n, 0], out[n, 1], out[n, 2], out[n, 8] = u, v, np.sqrt(variance), last
+        out[n, 3:7] = affine.ravel()
+        out[n, 7] = _dot(template, design[6]) / max(energy, FAINT)
     return out
 
 

@@ -23,8 +23,9 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float32, Float64, Raster
+from solmap.photogrammetry.arrays import Float32, Float64, Raster, Vector3
 from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.matching.cross_site.kernels import sum_ground
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.ranges import MOST_SIDE, CellSize, Few, Metres, SquareMetres
 
@@ -39,10 +40,6 @@ waves are affected by errors of the tilt."""
 
 SEPARATION_M = 1.5
 """Distance below which two peaks count as one."""
-
-
-ROVER_M = 1.5
-"""What is nearer to the rover's origin may be the rover itself, which looks alike at all stops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +136,23 @@ class SearchGate:
 def draw_birds_eye(
     stop: MatchedStop, params: BirdsEyeParams, cells_m: Sequence[float]
 ) -> tuple[BirdsEyeView, ...]:
-    """Rasterise the ground around a stop from its dense parallax, for all cell sizes at once."""
+    """Rasterise the ground around a stop from its dense parallax, for all cell sizes at once.
+
+    Grey values are relative to the median of their image's ground.
+    """
     sizes = [2 * round(params.radius_m / cell_m) for cell_m in cells_m]
     sums = [np.zeros((3, size * size)) for size in sizes]
     for pair in stop.pairs:
-        ground, grey = _level_points(stop, pair, 1.2 * params.radius_m)
+        camera, rotation, origin = level_camera(stop, pair)
+        least_px = camera[0] / (1.2 * params.radius_m)
+        seen = pair.images.left_mask[:, ::2] & (pair.parallax[:, ::2] > least_px)
+        grey = pair.images.left[:, ::2][seen]
+        usual = max(float(np.median(grey)), 1e-6) if len(grey) else 1.0
+        rasters = pair.parallax, pair.images.left_mask, pair.images.left
         for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
-            _add_points(total, ground, grey, params.radius_m, cell_m, size)
+            own = sum_ground(rasters, camera, rotation, origin, least_px, (cell_m, size))
+            own[1] /= usual
+            np.add(total, own, out=total)
     views = []
     for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
         count, grey_sum, up_sum = total.astype(np.float32).reshape(3, size, size)
@@ -154,48 +161,21 @@ def draw_birds_eye(
     return tuple(views)
 
 
-def _add_points(
-    sums: Float64[np.ndarray, "3 cells"],
-    ground: Float32[np.ndarray, "n 3"],
-    grey: Float32[np.ndarray, " n"],
-    radius_m: float,
-    cell_m: float,
-    size: int,
-) -> None:
-    """Add count, grey value and elevation of points to their cells."""
-    north, east, down = ground.T
-    row = np.floor((radius_m - north) / cell_m).astype(np.int64)
-    col = np.floor((radius_m + east) / cell_m).astype(np.int64)
-    inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
-    inside &= north**2 + east**2 > ROVER_M**2
-    index = (row * size + col)[inside]
-    sums[0] += np.bincount(index, minlength=size * size)
-    sums[1] += np.bincount(index, grey[inside], minlength=size * size)
-    sums[2] -= np.bincount(index, down[inside], minlength=size * size)
+def level_camera(
+    stop: MatchedStop, pair: MatchedPair
+) -> tuple[Float64[np.ndarray, " 4"], Float64[np.ndarray, "3 3"], Vector3]:
+    """A pair in the level frame of its stop, as the compiled loops expect it.
 
-
-def _level_points(
-    stop: MatchedStop, pair: MatchedPair, farthest_m: float
-) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
-    """Dense points of a pair in the level frame, and their grey values over the image's median.
-
-    Every second column is enough: on the ground, columns are far closer than rows.
+    Returns:
+        (f B in pixel metres, f in pixels, principal point), rotation, origin in metres.
     """
-    geometry, images = pair.images.geometry, pair.images
+    geometry, level_from_rover = pair.images.geometry, stop.lsl_from_rover.rotation
     scale = geometry.focal_px * geometry.base_m
-    parallax, mask = pair.parallax[:, ::2], images.left_mask[:, ::2]
-    line, half_sample = np.nonzero(mask & (parallax > scale / farthest_m))
-    grey = images.left[:, ::2][line, half_sample]
-    z = (scale / parallax[line, half_sample]).astype(np.float32)
-    x = (2 * half_sample - geometry.centre_px[0]).astype(np.float32) / np.float32(geometry.focal_px)
-    y = (line - geometry.centre_px[1]).astype(np.float32) / np.float32(geometry.focal_px)
-    level_from_rover = stop.lsl_from_rover.rotation
-    rotation = level_from_rover @ geometry.rover_from_pair.rotation
-    origin = level_from_rover @ geometry.rover_from_pair.translation_m
-    points = np.column_stack([x * z, y * z, z]) @ rotation.T.astype(np.float32)
-    usual = float(np.median(grey)) if len(grey) else 1.0
-    columns = np.add(points.T, origin.astype(np.float32)[:, None], order="C")
-    return columns.T, grey / np.float32(max(usual, 1e-6))
+    return (
+        np.array([scale, geometry.focal_px, *geometry.centre_px]),
+        level_from_rover @ geometry.rover_from_pair.rotation,
+        level_from_rover @ geometry.rover_from_pair.translation_m,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -52,23 +52,22 @@ from scipy.spatial.transform import Rotation as ScipyRotation
 
 from solmap.photogrammetry.arrays import (
     Flags,
-    Float32,
     Float64,
     ObjectPoints,
-    ParallaxMap,
     PerPoint,
     Raster,
     Vector3,
 )
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.cross_site.birds_eye import ROVER_M
+from solmap.photogrammetry.matching.cross_site.birds_eye import level_camera
+from solmap.photogrammetry.matching.cross_site.kernels import sum_heights
 from solmap.photogrammetry.matching.height_bias import (
     HeightBias,
     mean_of_known,
     metres_per_line,
 )
-from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.records import MatchedStop
 from solmap.photogrammetry.ranges import (
     CellSize,
     Few,
@@ -109,13 +108,6 @@ LEAST_SHARED = 0.3
 MOSTLY = 0.5
 """Fraction of the interpolation weight of four cells on known ones."""
 
-LEAST_FACING = 0.1
-"""Least sine of the angle at which a facet must be seen: that of level ground at 15 m; further away
-that of level ground there."""
-
-GRADIENT_PX = 3
-"""Pixels to each side over which the parallax of a facet is differenced."""
-
 RANGE_RATIO = 2.5
 """Largest ratio of ranges of ground at both stops; beyond it they see different faces."""
 
@@ -124,9 +116,6 @@ KERNEL = 2.0
 
 CLUSTER_M = 4.0
 """Side of a block of ground whose cells are treated as correlated."""
-
-DENSE_M = 8.0
-"""Nearer than this every second line is used; of columns everywhere."""
 
 ROW = 1000
 """Row length in which points are interpolated: OpenCV's rasters are at most 32767 wide."""
@@ -184,15 +173,8 @@ class HeightGrid:
         size = 2 * round(params.farthest_m / params.cell_m)
         total = np.zeros((2, size * size))
         for pair in stop.pairs:
-            places, range2 = _seen_well(pair, stop.lsl_from_rover.rotation, params.farthest_m)
-            north, east, down = places.T
-            row = np.floor(size / 2 - north / params.cell_m).astype(np.int64)
-            col = np.floor(size / 2 + east / params.cell_m).astype(np.int64)
-            inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
-            inside &= north**2 + east**2 > ROVER_M**2
-            index, weight = (row * size + col)[inside], 1 / range2[inside]
-            total[0] += np.bincount(index, weight, minlength=size * size)
-            total[1] -= np.bincount(index, weight * down[inside], minlength=size * size)
+            camera = level_camera(stop, pair)
+            total += sum_heights(pair.parallax, *camera, params.farthest_m, (params.cell_m, size))
         weight, up = total.reshape(2, size, size)
         with np.errstate(invalid="ignore"):
             up = (up / weight).astype(np.float32)
@@ -280,59 +262,6 @@ class _Surface:
     """Its derivatives by north and east."""
     points: ObjectPoints
     """Points of its heights, one Gaussian's standard deviation apart."""
-
-
-def _seen_well(
-    pair: MatchedPair, level_from_rover: np.ndarray, farthest_m: float
-) -> tuple[ObjectPoints, PerPoint]:
-    """(positions in the level frame, squared ranges) of the dense points that are not crests.
-
-    Of every second column; nearer than `DENSE_M`, of every second line. A point of parallax p on
-    the ray (x, y, 1) / f is in range and faces the camera where p exceeds a limit that depends on
-    the ray and, for facing, on the slope of the parallax.
-    """
-    g, every = pair.images.geometry, pair.parallax.astype(np.float32, copy=False)
-    p, scale, focal = np.ascontiguousarray(every[:, ::2]), g.focal_px * g.base_m, float(g.focal_px)
-    rotation = level_from_rover @ g.rover_from_pair.rotation
-    line, sample = (np.arange(n, dtype=np.float32) for n in every.shape)
-    x, y = (
-        sample[None, ::2] - np.float32(g.centre_px[0]),
-        line[:, None] - np.float32(g.centre_px[1]),
-    )
-    ray = np.sqrt(1 + (x / focal) ** 2 + (y / focal) ** 2)
-    across, down, ahead = (rotation[2] / [focal, focal, 1.0]).astype(np.float32)
-    limit = np.minimum(np.float32(LEAST_FACING) * ray, (across * x + ahead) + down * y)
-    with np.errstate(invalid="ignore"):
-        good = p > np.float32(scale / farthest_m) * ray
-        good[1::2] &= p[1::2] < np.float32(scale / DENSE_M)
-        good &= p > limit * _steepness(every, p, x, y, focal)
-    row, half_col = np.nonzero(good)
-    points = np.column_stack([2 * half_col, row]).astype(np.float64)
-    in_pair = g.triangulate(points, p[row, half_col].astype(np.float64))
-    turned = np.ascontiguousarray((in_pair @ rotation.T).T)
-    origin = level_from_rover @ g.rover_from_pair.translation_m
-    return (turned + origin[:, None]).T, (turned**2).sum(axis=0)
-
-
-def _steepness(
-    every: ParallaxMap,
-    p: Float32[np.ndarray, "lines half"],
-    x: Float32[np.ndarray, "1 half"],
-    y: Float32[np.ndarray, "lines 1"],
-    focal: float,
-) -> Float32[np.ndarray, "lines half"]:
-    """Length of the normal of facets, in units of parallax; NaN at gaps.
-
-    `p` are the even columns of `every`, x and y their distances from the centre in pixels.
-    """
-    k, first = GRADIENT_PX, -(-GRADIENT_PX // 2)  # the first even column with both neighbours
-    along, down = np.full((2, *p.shape), np.nan, np.float32)
-    right = every[:, 2 * first + k :: 2]
-    left = every[:, 2 * first - k :: 2][:, : right.shape[1]]
-    along[:, first : first + right.shape[1]] = (right - left) / (2 * k)
-    down[k:-k] = (p[2 * k :] - p[: -2 * k]) / (2 * k)
-    at_centre = p - along * x - down * y
-    return np.sqrt(focal**2 * (along**2 + down**2) + at_centre**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -113,6 +113,49 @@ def test_offsets_are_fitted_as_by_gauss_newton_steps_in_numpy(textures, pixels):
         np.testing.assert_allclose(fitted[2:], step, atol=1e-4)
 
 
+def moved_patch(search, affine, shift, half):
+    """A search patch on the moved grid, less the mean of its part without the rim of two cells."""
+    row, col = np.mgrid[-half - 2 : half + 3, -half - 2 : half + 3]
+    x, y = affine @ np.stack([col.ravel(), row.ravel()]) + shift[:, None] + len(search) // 2
+    drawn = ndimage.map_coordinates(search.astype(float), [y, x], order=1).reshape(row.shape)
+    return drawn - drawn[2:-2, 2:-2].mean()
+
+
+def test_affine_maps_are_fitted_as_by_gauss_newton_steps_in_numpy(textures, rng):
+    left, right = textures
+    places, starts = [(30, 25), (28, 33)], rng.uniform(-0.3, 0.3, (2, 2))
+    templates = np.array([left[y - 5 : y + 6, x - 5 : x + 6] for x, y in places])
+    searches = np.array([right[y - 11 : y + 12, x - 15 : x + 8] for x, y in places])
+    found = kernels.fit_affine(templates, searches, starts, (3, 0.2))
+    for template, search, start, fitted in zip(templates, searches, starts, found, strict=True):
+        a, affine, shift = (template - template.mean(dtype=float)).ravel(), np.eye(2), start
+        for _ in range(3):
+            drawn = moved_patch(search, affine, shift, HALF)
+            drawn *= a.std() / drawn[2:-2, 2:-2].std()
+            down, along = (
+                ndimage.correlate1d(drawn, np.array([1, -8, 0, 8, -1]) / 12, axis=axis)[2:-2, 2:-2]
+                for axis in (0, 1)
+            )
+            u, v, w = along.ravel(), down.ravel(), drawn[2:-2, 2:-2].ravel()
+            design = np.stack([u, v, u * DX, u * DY, v * DX, v * DY, w, np.ones_like(w)], axis=1)
+            normal, scale = design.T @ design, (design**2).mean(axis=0)
+            normal += 1e-6 * len(w) * np.diag(scale)
+            step = np.linalg.solve(normal, design.T @ (a - w))
+            rest = a - w - design @ step
+            shift = shift + affine @ step[:2].clip(-1, 1)
+            affine = affine @ (np.eye(2) + step[2:6].clip(-0.2, 0.2).reshape(2, 2))
+        grid = rest.reshape(template.shape)
+        counted = 1.0
+        for pairs in (grid[:, 1:] * grid[:, :-1], grid[1:] * grid[:-1]):
+            r = np.clip(pairs.mean() / (rest**2).mean(), 0, 0.9)
+            counted *= (1 + r) / (1 - r)
+        cofactor = np.diag(np.linalg.inv(normal))[:2].mean()
+        sigma = np.sqrt(cofactor * counted * (rest @ rest) / (len(a) - 8))
+        w = moved_patch(search, affine, shift, HALF)[2:-2, 2:-2].ravel()
+        exact = [*shift, sigma, *affine.ravel(), np.corrcoef(a, w)[0, 1]]
+        np.testing.assert_allclose(fitted[:8], exact, rtol=1e-6, atol=1e-9)
+
+
 def test_planes_of_least_deviations_pass_by_blunders(rng):
     offsets = rng.uniform(-30, 30, (20, 12, 2))
     plane = rng.uniform(-0.2, 0.2, (20, 2))

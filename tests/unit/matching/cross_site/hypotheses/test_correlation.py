@@ -6,12 +6,10 @@ from scipy import fft, ndimage
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
-    ROVER_M,
     SEPARATION_M,
     BirdsEyeParams,
     BirdsEyeView,
     SearchGate,
-    _add_points,
     channels,
     draw_birds_eye,
 )
@@ -99,14 +97,6 @@ def test_errors_common_to_both_panoramas_are_not_a_peak_where_the_rovers_would_c
     assert np.hypot(same.north_m, same.east_m) < PARAMS.cell_m
     assert same.z > 20
     assert apart.z < 8
-
-
-def test_the_rover_itself_is_not_part_of_the_ground():
-    sums = np.zeros((3, CELLS * CELLS))
-    ground = np.array([[0.9 * ROVER_M, 0, -0.4], [0, 1.1 * ROVER_M, 0.3]], np.float32)
-    _add_points(sums, ground, np.ones(2, np.float32), PARAMS.radius_m, PARAMS.cell_m, CELLS)
-    assert sums[0].sum() == 1
-    assert sums[2].sum() == pytest.approx(-0.3)
 
 
 def test_different_ground_has_no_distinct_peak():

@@ -1,0 +1,145 @@
+"""Loops over the pixels of a pair that sum up its ground on level grids, compiled.
+
+Level frame: (north, east, down) from the rover, metres. Grids are square, row 0 is the
+northernmost, the rover central. `camera` is (f B in pixel metres, f in pixels, principal point by
+sample and line), `rotation` (3, 3) and `origin` (3) transform from the pair to the level frame.
+Every second column is used: on the ground, columns are far closer than rows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solmap.photogrammetry.compiled import compiled
+
+CAMERA, GRID = ("per_point", "points", "per_point"), ("float64", "int64")
+
+ROVER_M = 1.5
+"""What is nearer to the rover's origin may be the rover itself, which looks alike at all stops."""
+
+GRADIENT_PX = 3
+"""Pixels to each side over which the parallax of a facet is differenced."""
+
+LEAST_FACING = 0.1
+"""Least sine of the angle at which a facet must be seen: that of level ground at 15 m; further away
+that of level ground there."""
+
+DENSE_M = 8.0
+"""Nearer than this every second line is used."""
+
+
+@compiled()
+def _along(axis: np.ndarray, x: float, y: float) -> float:
+    """Component along an axis of the ray to a pixel, over its forward component."""
+    return axis[0] * x + axis[1] * y + axis[2]
+
+
+@compiled()
+def _cell(north: float, east: float, cell_m: float, size: int) -> int:
+    """Index of the cell of a place, row by row; negative outside the grid and near the rover."""
+    row = int(np.floor(size / 2 - north / cell_m))
+    col = int(np.floor(size / 2 + east / cell_m))
+    if row < 0 or row >= size or col < 0 or col >= size:
+        return -1
+    if north * north + east * east <= ROVER_M * ROVER_M:
+        return -1
+    return row * size + col
+
+
+@compiled(("image", "mask", "image"), *CAMERA, "float64", GRID)
+def sum_ground(
+    rasters: tuple[np.ndarray, np.ndarray, np.ndarray],
+    camera: np.ndarray,
+    rotation: np.ndarray,
+    origin: np.ndarray,
+    least_px: float,
+    grid: tuple[float, int],
+) -> np.ndarray:
+    """Number of points in each cell, sums of their grey values and of their elevations.
+
+    Args:
+        rasters: Parallax, NaN where there is none; usable pixels; the left image.
+        camera: As above.
+        rotation: As above.
+        origin: As above.
+        least_px: Parallax of the farthest ground.
+        grid: Side of a cell in metres; number of rows and columns.
+
+    Returns:
+        Shape (3, size x size).
+    """
+    (parallax, mask, grey), (cell_m, size) = rasters, grid
+    sums = np.zeros((3, size * size))
+    for line in range(parallax.shape[0]):
+        y = (line - camera[3]) / camera[1]
+        for sample in range(0, parallax.shape[1], 2):
+            p = parallax[line, sample]
+            if not (p > least_px and mask[line, sample]):
+                continue
+            x, z = (sample - camera[2]) / camera[1], camera[0] / p
+            north = _along(rotation[0], x, y) * z + origin[0]
+            east = _along(rotation[1], x, y) * z + origin[1]
+            cell = _cell(north, east, cell_m, size)
+            if cell >= 0:
+                sums[0, cell] += 1
+                sums[1, cell] += grey[line, sample]
+                sums[2, cell] -= _along(rotation[2], x, y) * z + origin[2]
+    return sums
+
+
+@compiled("image", *CAMERA, "float64", GRID)
+def sum_heights(
+    parallax: np.ndarray,
+    camera: np.ndarray,
+    rotation: np.ndarray,
+    origin: np.ndarray,
+    farthest_m: float,
+    grid: tuple[float, int],
+) -> np.ndarray:
+    """Weights, one over the squared range, and weighted elevations of points that are not crests.
+
+    A point of parallax p on the ray (x, y, 1) / f is in range and faces the camera where p exceeds
+    a limit that depends on the ray and, for facing, on the slope of the parallax.
+
+    Args:
+        parallax: (lines, samples), pixels; NaN where there is none.
+        camera: As above.
+        rotation: As above.
+        origin: As above.
+        farthest_m: Largest range.
+        grid: Side of a cell in metres; number of rows and columns.
+
+    Returns:
+        Shape (2, size x size).
+    """
+    cell_m, size = grid
+    sums = np.zeros((2, size * size))
+    k, focal = GRADIENT_PX, camera[1]
+    for line in range(k, parallax.shape[0] - k):
+        v = line - camera[3]
+        y = v / focal
+        most_px = camera[0] / DENSE_M if line % 2 else np.inf
+        for sample in range(k + k % 2, parallax.shape[1] - k, 2):
+            p, u = parallax[line, sample], sample - camera[2]
+            x = u / focal
+            ray = np.sqrt(1 + x * x + y * y)
+            if not (camera[0] / farthest_m * ray < p < most_px):
+                continue
+            across = (parallax[line, sample + k] - parallax[line, sample - k]) / (2 * k)
+            down = (parallax[line + k, sample] - parallax[line - k, sample]) / (2 * k)
+            at_centre = p - across * u - down * v
+            steep = np.sqrt(focal * focal * (across * across + down * down) + at_centre * at_centre)
+            if not p > min(LEAST_FACING * ray, _along(rotation[2], x, y)) * steep:
+                continue
+            z = camera[0] / p
+            cell = _cell(
+                _along(rotation[0], x, y) * z + origin[0],
+                _along(rotation[1], x, y) * z + origin[1],
+                cell_m,
+                size,
+            )
+            if cell >= 0:
+                weight = 1 / (z * ray) ** 2
+                sums[0, cell] += weight
+                sums[1, cell] -= weight * (_along(rotation[2], x, y) * z + origin[2])
+    return sums

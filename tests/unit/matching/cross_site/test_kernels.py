@@ -1,0 +1,92 @@
+"""Compiled loops over the ground of a pair, against the same formulas in NumPy."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from solmap.photogrammetry.matching.cross_site import kernels
+
+LINES, SAMPLES, SIZE, CELL_M = 61, 80, 40, 0.5
+CAMERA = np.array([20.0, 100.0, 40.0, 10.0])
+ORIGIN = np.array([0.1, -0.2, -1.4])
+TO_LEVEL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+@pytest.fixture
+def rotation():
+    """From (right, down, forward) to (north, east, down): north-east, 12 degrees down."""
+    return Rotation.from_euler("zy", [40, -12], degrees=True).as_matrix() @ TO_LEVEL
+
+
+@pytest.fixture
+def parallax(rng):
+    """Of rough ground; NaN at gaps and beyond the horizon."""
+    y = (np.arange(LINES) - CAMERA[3])[:, None] / CAMERA[1]
+    depth = 1.4 / np.maximum(y + np.tan(np.radians(12)), 1e-3)
+    smooth = CAMERA[0] / depth * np.ones(SAMPLES) * rng.normal(1, 0.02, (LINES, SAMPLES))
+    smooth[rng.random(smooth.shape) < 0.05] = np.nan
+    return smooth.astype(np.float32)
+
+
+def ground(parallax, rotation):
+    """(positions in the level frame, index of the cell or -1) of all pixels."""
+    line, sample = np.indices(parallax.shape)
+    ray = np.stack([(sample - 40.0) / 100, (line - 10.0) / 100, np.ones(parallax.shape)], axis=-1)
+    places = CAMERA[0] / parallax.astype(float)[..., None] * ray @ rotation.T + ORIGIN
+    row = np.floor(SIZE / 2 - places[..., 0] / CELL_M)
+    col = np.floor(SIZE / 2 + places[..., 1] / CELL_M)
+    inside = (row >= 0) & (row < SIZE) & (col >= 0) & (col < SIZE)
+    inside &= np.hypot(places[..., 0], places[..., 1]) > kernels.ROVER_M
+    return places, np.where(inside, row * SIZE + col, -1).astype(int)
+
+
+def test_ground_is_summed_in_its_cells(parallax, rotation, rng):
+    mask = rng.random(parallax.shape) > 0.1
+    grey = rng.uniform(50, 200, parallax.shape).astype(np.float32)
+    found = kernels.sum_ground(
+        (parallax, mask, grey), CAMERA, rotation, ORIGIN, 2.0, (CELL_M, SIZE)
+    )
+    places, cell = ground(parallax, rotation)
+    used = mask & (parallax > 2.0) & (cell >= 0)
+    used[:, 1::2] = False
+    assert used.sum() > 500
+    sums = [
+        np.bincount(cell[used], weight, SIZE * SIZE)
+        for weight in (None, grey[used], -places[used, 2])
+    ]
+    np.testing.assert_allclose(found, sums, rtol=1e-9, atol=1e-9)
+
+
+def test_heights_are_weighted_by_range_and_exclude_crests(parallax, rotation):
+    found = kernels.sum_heights(parallax, CAMERA, rotation, ORIGIN, 9.0, (CELL_M, SIZE))
+    places, cell = ground(parallax, rotation)
+    p, k = parallax.astype(float), kernels.GRADIENT_PX
+    line, sample = np.indices(p.shape)
+    x, y = sample - 40.0, line - 10.0
+    ray = np.sqrt(1 + (x / 100) ** 2 + (y / 100) ** 2)
+    across, down = np.full((2, *p.shape), np.nan)
+    across[:, k:-k] = (p[:, 2 * k :] - p[:, : -2 * k]) / (2 * k)
+    down[k:-k] = (p[2 * k :] - p[: -2 * k]) / (2 * k)
+    normal = np.stack([100 * across, 100 * down, p - across * x - down * y], axis=-1)
+    level = np.stack([x / 100, y / 100, np.ones(p.shape)], axis=-1) @ rotation[2]
+    # a facet of the slopes of parallax, seen along the ray
+    facing = p / np.linalg.norm(normal, axis=-1)
+    used = (cell >= 0) & (facing > np.minimum(kernels.LEAST_FACING * ray, level))
+    used &= CAMERA[0] / p * ray < 9.0
+    used[:, 1::2] = False
+    used[1::2] &= p[1::2] < CAMERA[0] / kernels.DENSE_M
+    assert 50 < used.sum() < 0.9 * ((cell >= 0)[:, ::2]).sum()
+    weight = (CAMERA[0] / p[used] * ray[used]) ** -2
+    sums = [
+        np.bincount(cell[used], some, SIZE * SIZE) for some in (weight, -weight * places[used, 2])
+    ]
+    np.testing.assert_allclose(found, sums, rtol=1e-6, atol=1e-9)
+
+
+def test_the_rover_itself_is_not_part_of_the_ground():
+    ahead_m = np.array([0.9, 1.1]) * kernels.ROVER_M  # along the axis of the view, downwards
+    camera, north = np.array([20.0, 100.0, 0.0, 0.0]), TO_LEVEL.copy()
+    parallax = np.array([[20 / ahead_m[0], np.nan, 20 / ahead_m[1]]], np.float32)
+    rasters = parallax, np.ones((1, 3), bool), np.ones((1, 3), np.float32)
+    sums = kernels.sum_ground(rasters, camera, north, np.zeros(3), 1.0, (CELL_M, SIZE))
+    assert sums[0].sum() == 1
