@@ -170,9 +170,11 @@ def _stored_bands(data: bytes, label: Label, source: str) -> tuple[np.ndarray, M
 def _finite(values: np.ndarray, measured: Mask) -> tuple[GreyImage, Mask]:
     """Single precision, 0 where not measured or not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        pixels = np.where(measured, values, 0).astype(np.float32)
-    finite = np.isfinite(pixels)
-    return np.where(finite, pixels, np.float32(0)), measured & finite
+        pixels = values.astype(np.float32)
+    if values.dtype.kind == "f":
+        measured = measured & np.isfinite(pixels)
+    pixels[~measured] = 0
+    return pixels, measured
 
 
 def demosaiced(mosaic: GreyImage, mask: Mask) -> Colours:

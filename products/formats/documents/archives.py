@@ -196,10 +196,10 @@ def read_dense(path: Path) -> DenseMatches:
     """The inverse of `write_dense`."""
     header, arrays = read_archive(path)
     parallax = _parallax(header, arrays)
-    codes = arrays["sigma"].astype(np.float32)
-    sigma = np.float32(_LEAST_SIGMA_PX) * np.exp(codes * np.float32(_SIGMA_STEP))
+    values = np.float32(_LEAST_SIGMA_PX) * np.exp(np.arange(256) * np.float32(_SIGMA_STEP))
+    sigma = values.astype(np.float32)[arrays["sigma"]]
+    sigma[arrays["steps"] == 0] = np.nan
     shared = SharedSigma(**header["shared"]) if "shared" in header else None
-    sigma = np.where(np.isfinite(parallax), sigma, np.float32(np.nan))
     return DenseMatches(parallax, sigma, shared)
 
 
