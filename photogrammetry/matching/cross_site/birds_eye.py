@@ -150,7 +150,8 @@ def draw_birds_eye(
         usual = max(float(np.median(grey)), 1e-6) if len(grey) else 1.0
         rasters = pair.parallax, pair.images.left_mask, pair.images.left
         for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
-            own = sum_ground(rasters, camera, rotation, origin, least_px, (cell_m, size))
+            grid = cell_m, params.radius_m, size
+            own = sum_ground(rasters, camera, rotation, origin, least_px, grid)
             own[1] /= usual
             np.add(total, own, out=total)
     views = []

@@ -12,7 +12,7 @@ import numpy as np
 
 from solmap.photogrammetry.compiled import compiled
 
-CAMERA, GRID = ("per_point", "points", "per_point"), ("float64", "int64")
+CAMERA, GRID = ("per_point", "points", "per_point"), ("float64", "float64", "int64")
 
 ROVER_M = 1.5
 """What is nearer to the rover's origin may be the rover itself, which looks alike at all stops."""
@@ -35,10 +35,11 @@ def _along(axis: np.ndarray, x: float, y: float) -> float:
 
 
 @compiled()
-def _cell(north: float, east: float, cell_m: float, size: int) -> int:
+def _cell(north: float, east: float, grid: tuple[float, float, int]) -> int:
     """Index of the cell of a place, row by row; negative outside the grid and near the rover."""
-    row = int(np.floor(size / 2 - north / cell_m))
-    col = int(np.floor(size / 2 + east / cell_m))
+    cell_m, radius_m, size = grid
+    row = int(np.floor((radius_m - north) / cell_m))
+    col = int(np.floor((radius_m + east) / cell_m))
     if row < 0 or row >= size or col < 0 or col >= size:
         return -1
     if north * north + east * east <= ROVER_M * ROVER_M:
@@ -53,7 +54,7 @@ def sum_ground(
     rotation: np.ndarray,
     origin: np.ndarray,
     least_px: float,
-    grid: tuple[float, int],
+    grid: tuple[float, float, int],
 ) -> np.ndarray:
     """Number of points in each cell, sums of their grey values and of their elevations.
 
@@ -63,13 +64,14 @@ def sum_ground(
         rotation: As above.
         origin: As above.
         least_px: Parallax of the farthest ground.
-        grid: Side of a cell in metres; number of rows and columns.
+        grid: Side of a cell, and distance of the borders from the rover, in metres; number of rows
+            and columns.
 
     Returns:
         Shape (3, size x size).
     """
-    (parallax, mask, grey), (cell_m, size) = rasters, grid
-    sums = np.zeros((3, size * size))
+    parallax, mask, grey = rasters
+    sums = np.zeros((3, grid[2] * grid[2]))
     for line in range(parallax.shape[0]):
         y = (line - camera[3]) / camera[1]
         for sample in range(0, parallax.shape[1], 2):
@@ -79,7 +81,7 @@ def sum_ground(
             x, z = (sample - camera[2]) / camera[1], camera[0] / p
             north = _along(rotation[0], x, y) * z + origin[0]
             east = _along(rotation[1], x, y) * z + origin[1]
-            cell = _cell(north, east, cell_m, size)
+            cell = _cell(north, east, grid)
             if cell >= 0:
                 sums[0, cell] += 1
                 sums[1, cell] += grey[line, sample]
@@ -94,7 +96,7 @@ def sum_heights(
     rotation: np.ndarray,
     origin: np.ndarray,
     farthest_m: float,
-    grid: tuple[float, int],
+    grid: tuple[float, float, int],
 ) -> np.ndarray:
     """Weights, one over the squared range, and weighted elevations of points that are not crests.
 
@@ -107,13 +109,13 @@ def sum_heights(
         rotation: As above.
         origin: As above.
         farthest_m: Largest range.
-        grid: Side of a cell in metres; number of rows and columns.
+        grid: Side of a cell, and distance of the borders from the rover, in metres; number of rows
+            and columns.
 
     Returns:
         Shape (2, size x size).
     """
-    cell_m, size = grid
-    sums = np.zeros((2, size * size))
+    sums = np.zeros((2, grid[2] * grid[2]))
     k, focal = GRADIENT_PX, camera[1]
     for line in range(k, parallax.shape[0] - k):
         v = line - camera[3]
@@ -132,12 +134,9 @@ def sum_heights(
             if not p > min(LEAST_FACING * ray, _along(rotation[2], x, y)) * steep:
                 continue
             z = camera[0] / p
-            cell = _cell(
-                _along(rotation[0], x, y) * z + origin[0],
-                _along(rotation[1], x, y) * z + origin[1],
-                cell_m,
-                size,
-            )
+            north = _along(rotation[0], x, y) * z + origin[0]
+            east = _along(rotation[1], x, y) * z + origin[1]
+            cell = _cell(north, east, grid)
             if cell >= 0:
                 weight = 1 / (z * ray) ** 2
                 sums[0, cell] += weight

@@ -171,10 +171,10 @@ class HeightGrid:
     def of(cls, stop: MatchedStop, params: SurfaceParams) -> HeightGrid:
         """From everything that the pairs of a stop measured well."""
         size = 2 * round(params.farthest_m / params.cell_m)
-        total = np.zeros((2, size * size))
+        total, grid = np.zeros((2, size * size)), (params.cell_m, size / 2 * params.cell_m, size)
         for pair in stop.pairs:
             camera = level_camera(stop, pair)
-            total += sum_heights(pair.parallax, *camera, params.farthest_m, (params.cell_m, size))
+            total += sum_heights(pair.parallax, *camera, params.farthest_m, grid)
         weight, up = total.reshape(2, size, size)
         with np.errstate(invalid="ignore"):
             up = (up / weight).astype(np.float32)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from solmap.photogrammetry.matching.cross_site import kernels
 
 LINES, SAMPLES, SIZE, CELL_M = 61, 80, 40, 0.5
+GRID = CELL_M, 10.1, SIZE
 CAMERA = np.array([20.0, 100.0, 40.0, 10.0])
 ORIGIN = np.array([0.1, -0.2, -1.4])
 TO_LEVEL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -33,8 +34,8 @@ def ground(parallax, rotation):
     line, sample = np.indices(parallax.shape)
     ray = np.stack([(sample - 40.0) / 100, (line - 10.0) / 100, np.ones(parallax.shape)], axis=-1)
     places = CAMERA[0] / parallax.astype(float)[..., None] * ray @ rotation.T + ORIGIN
-    row = np.floor(SIZE / 2 - places[..., 0] / CELL_M)
-    col = np.floor(SIZE / 2 + places[..., 1] / CELL_M)
+    row = np.floor((10.1 - places[..., 0]) / CELL_M)
+    col = np.floor((10.1 + places[..., 1]) / CELL_M)
     inside = (row >= 0) & (row < SIZE) & (col >= 0) & (col < SIZE)
     inside &= np.hypot(places[..., 0], places[..., 1]) > kernels.ROVER_M
     return places, np.where(inside, row * SIZE + col, -1).astype(int)
@@ -43,9 +44,7 @@ def ground(parallax, rotation):
 def test_ground_is_summed_in_its_cells(parallax, rotation, rng):
     mask = rng.random(parallax.shape) > 0.1
     grey = rng.uniform(50, 200, parallax.shape).astype(np.float32)
-    found = kernels.sum_ground(
-        (parallax, mask, grey), CAMERA, rotation, ORIGIN, 2.0, (CELL_M, SIZE)
-    )
+    found = kernels.sum_ground((parallax, mask, grey), CAMERA, rotation, ORIGIN, 2.0, GRID)
     places, cell = ground(parallax, rotation)
     used = mask & (parallax > 2.0) & (cell >= 0)
     used[:, 1::2] = False
@@ -58,7 +57,7 @@ def test_ground_is_summed_in_its_cells(parallax, rotation, rng):
 
 
 def test_heights_are_weighted_by_range_and_exclude_crests(parallax, rotation):
-    found = kernels.sum_heights(parallax, CAMERA, rotation, ORIGIN, 9.0, (CELL_M, SIZE))
+    found = kernels.sum_heights(parallax, CAMERA, rotation, ORIGIN, 9.0, GRID)
     places, cell = ground(parallax, rotation)
     p, k = parallax.astype(float), kernels.GRADIENT_PX
     line, sample = np.indices(p.shape)
@@ -88,5 +87,5 @@ def test_the_rover_itself_is_not_part_of_the_ground():
     camera, north = np.array([20.0, 100.0, 0.0, 0.0]), TO_LEVEL.copy()
     parallax = np.array([[20 / ahead_m[0], np.nan, 20 / ahead_m[1]]], np.float32)
     rasters = parallax, np.ones((1, 3), bool), np.ones((1, 3), np.float32)
-    sums = kernels.sum_ground(rasters, camera, north, np.zeros(3), 1.0, (CELL_M, SIZE))
+    sums = kernels.sum_ground(rasters, camera, north, np.zeros(3), 1.0, GRID)
     assert sums[0].sum() == 1
