@@ -3,7 +3,8 @@
 Points are (east, north, up) from the camera, metres, single precision, as planes of shape
 (3, lines, samples). A square has four neighbouring pixels as corners and is marked at its upper
 left one. The methods are described where the loops are called: `dtm.ground`, `dtm.heights`,
-`dtm.occlusion`, `insolation.horizon`, `orthophoto.panorama_grid`, `mesh.point_cloud`.
+`dtm.occlusion`, `insolation.horizon`, `orthophoto.panorama_grid`, `mesh.point_cloud`,
+`mesh.right_triangles`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ LEAST_KNOWN = 0.5
 """Weight of known cells below which a value between cells counts as not known."""
 SKY_M = 10_000.0
 """Range where no ground is seen."""
+PENDING = np.float32(-1)
+"""Error of a point that is still to be computed."""
 HASH = np.int64(-7046029254386353131)
 """2^64 over the golden ratio: multiplied by it, keys near each other are spread evenly."""
 
@@ -502,3 +505,156 @@ def least_of_each(key: np.ndarray, sigma: np.ndarray) -> np.ndarray:
         if table[slot] < 0 or sigma[n] < sigma[table[slot]]:
             table[slot] = n
     return table[table >= 0]
+
+
+@compiled("image", "mask", "int64")
+def errors_of_triangles(grid: np.ndarray, whole: np.ndarray, levels: int) -> np.ndarray:
+    """The error of every point: exact, no less than its dependents', infinite next to holes.
+
+    Args:
+        grid: Values at the corners of squares.
+        whole: Squares other than holes.
+        levels: The root squares' side as a power of two.
+
+    Returns:
+        (rows, cols) of `grid`; 0 inside holes, and at the corners of root squares.
+    """
+    down, across = whole.shape
+    known, unknown = _dependents(whole, levels), _dependents(~whole, levels)
+    error = np.zeros_like(grid)
+    for row in range(down + 1):
+        for col in range(across + 1):
+            if known[row, col]:
+                error[row, col] = np.inf if unknown[row, col] else PENDING
+    first, last = down, 0
+    for row in range(down):
+        if whole[row].any():
+            first, last = min(first, row), row + 1
+    surface, off = np.empty_like(grid), np.empty_like(grid)
+    step, is_pending = 0, True
+    while is_pending and step < 2 * levels:  # B_1, A_1, B_2, A_2, ...
+        level, is_b = step // 2, step % 2 == 0
+        half, side = 1 << level, 2 << level
+        top, bottom = first // side * side, -(-last // side) * side
+        surface[top : bottom + 1 : side, ::side] = grid[top : bottom + 1 : side, ::side]
+        for finer in range(level, 0, -1):
+            _interpolate(grid, surface, off, (top, bottom), 1 << finer, half if is_b else 0)
+        if step == 0:
+            _interpolate(grid, surface, off, (top, bottom), 1, 1)
+        else:
+            _interpolate_last(grid, surface, off, (top, bottom))
+        for coarser in range(1, level + 1):
+            _raise(off, (top, bottom), 1 << coarser)
+        if is_b:
+            is_pending = _take(error[::side, half::side], off[::side, half::side])
+            is_pending |= _take(error[half::side, ::side], off[half::side, ::side])
+        else:
+            is_pending = _take(error[half::side, half::side], off[half::side, half::side])
+        step += 1
+    error[:: 1 << levels, :: 1 << levels] = 0
+    for level in range(levels):
+        _raise(error, (0, down), 1 << level)
+    return error
+
+
+@compiled()
+def _dependents(squares: np.ndarray, levels: int) -> np.ndarray:
+    """Points that depend on any of these squares."""
+    down, across = squares.shape
+    marked = np.zeros((down + 1, across + 1), np.uint8)
+    for row in range(down):
+        for below in range(2):
+            for beside in range(2):
+                for col in range(across):
+                    marked[row + below, col + beside] |= squares[row, col]
+    for level in range(levels):
+        _raise(marked, (0, down), 1 << level)
+    return marked
+
+
+@compiled()
+def _raise(values: np.ndarray, rows: tuple[int, int], half: int) -> None:
+    """Raise middles and sides of squares of side 2 `half` to the points that depend on them."""
+    first, last = rows
+    cols, quarter = values.shape[1], half // 2
+    if quarter:
+        for row in range(first, last + 1, half):
+            here = values[row]
+            above = values[row - quarter if row > first else row + quarter]
+            below = values[row + quarter if row < last else row - quarter]
+            for col in range(half * (1 - row // half % 2), cols, 2 * half):
+                left = abs(col - quarter)
+                right = col + quarter if col + quarter < cols else left
+                higher = max(above[left], above[right], below[left], below[right])
+                here[col] = max(here[col], higher)
+    for row in range(first + half, last, 2 * half):
+        above, here, below = values[row - half], values[row], values[row + half]
+        for col in range(half, cols, 2 * half):
+            sides = max(above[col], below[col], here[col - half], here[col + half])
+            here[col] = max(here[col], sides)
+
+
+@compiled()
+def _interpolate(
+    grid: np.ndarray,
+    surface: np.ndarray,
+    off: np.ndarray,
+    rows: tuple[int, int],
+    half: int,
+    exact: int,
+) -> None:
+    """Halve squares of side 2 `half` of the surface, and compare it with the grid.
+
+    Where `half` is `exact`, the middles are those of the grid.
+    """
+    first, last = rows
+    cols = grid.shape[1]
+    for row in range(first, last + 1, 2 * half):
+        for col in range(half, cols, 2 * half):
+            mean = HALF * (surface[row, col - half] + surface[row, col + half])
+            surface[row, col], off[row, col] = mean, abs(grid[row, col] - mean)
+    for row in range(first + half, last, 2 * half):
+        above, below = surface[row - half], surface[row + half]
+        for col in range(0, cols, 2 * half):
+            mean = HALF * (above[col] + below[col])
+            surface[row, col], off[row, col] = mean, abs(grid[row, col] - mean)
+        for col in range(half, cols, 2 * half):
+            ends = above[col - half] + below[col + half]
+            if not _falls(row // half, col // half):
+                ends = above[col + half] + below[col - half]
+            mean = grid[row, col] if half == exact else HALF * ends
+            surface[row, col], off[row, col] = mean, abs(grid[row, col] - mean)
+
+
+@compiled()
+def _interpolate_last(
+    grid: np.ndarray, surface: np.ndarray, off: np.ndarray, rows: tuple[int, int]
+) -> None:
+    """Compare squares of side 2 of the surface with the grid: the largest `off`, at the middle."""
+    first, last = rows
+    for row in range(first + 1, last, 2):
+        upper, middle, lower = grid[row - 1], grid[row], grid[row + 1]
+        above, below = surface[row - 1], surface[row + 1]
+        for col in range(1, grid.shape[1], 2):
+            nw, ne, sw, se = above[col - 1], above[col + 1], below[col - 1], below[col + 1]
+            inside = abs(middle[col] - HALF * (nw + se if _falls(row, col) else ne + sw))
+            across = max(abs(upper[col] - HALF * (nw + ne)), abs(lower[col] - HALF * (sw + se)))
+            left, right = middle[col - 1] - HALF * (nw + sw), middle[col + 1] - HALF * (ne + se)
+            off[row, col] = max(inside, across, abs(left), abs(right))
+
+
+@compiled()
+def _falls(row: int, col: int) -> bool:
+    """Whether the diagonal of a square falls to the right; its middle, in halves of its side."""
+    return (row // 2 + col // 2) % 2 == 0
+
+
+@compiled()
+def _take(error: np.ndarray, off: np.ndarray) -> bool:
+    """Take the errors of pending points; whether there are any."""
+    found = False
+    for row in range(error.shape[0]):
+        for col in range(error.shape[1]):
+            if error[row, col] == PENDING:
+                error[row, col], found = off[row, col], True
+    return found

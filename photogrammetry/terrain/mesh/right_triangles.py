@@ -25,12 +25,12 @@ that cover both squares and holes are split down to single squares, and the hole
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from solmap.photogrammetry.arrays import Bool, Float32, Int32, Raster
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.terrain.kernels import errors_of_triangles
 
 ROOT_LEVELS = 8
 """Side of the root squares as a power of two: 256 points, one block of a map."""
@@ -84,7 +84,7 @@ class RightTriangles:
         grid[: values.shape[0], : values.shape[1]] = np.where(known, values, np.float32(0))
         squares = np.zeros((down, across), dtype=np.bool_)
         squares[: four.shape[0], : four.shape[1]] = four
-        return cls(levels, _errors(grid, squares, levels), squares)
+        return cls(levels, errors_of_triangles(grid, squares, levels), squares)
 
     @property
     def roots(self) -> tuple[int, int]:
@@ -141,117 +141,3 @@ class RightTriangles:
         return GridMesh(
             row.astype(np.int32), col.astype(np.int32), np.ascontiguousarray(triangles, np.int32)
         )
-
-
-class _Points(NamedTuple):
-    """Values at the points of a level: the middles of squares, and of their sides."""
-
-    middles: np.ndarray
-    across: np.ndarray
-    down: np.ndarray
-
-    @classmethod
-    def of(cls, grid: np.ndarray, level: int) -> _Points:
-        """Their values in a grid, copied, because strided arrays take several times as long."""
-        return cls(*(view.copy() for view in _views(grid, level)))
-
-    def raise_middles(self) -> None:
-        """Raise every middle to the largest of its square's sides."""
-        across, down = self.across, self.down
-        for around in (across[:-1], across[1:], down[:, :-1], down[:, 1:]):
-            np.maximum(self.middles, around, out=self.middles)
-
-    def raise_sides(self, inside: np.ndarray) -> None:
-        """Raise every side to the middles of the four squares, half as large, around its middle."""
-        across, down = self.across, self.down
-        beside = np.maximum(inside[:, ::2], inside[:, 1::2])
-        np.maximum(across[1:], beside[1::2], out=across[1:])
-        np.maximum(across[:-1], beside[::2], out=across[:-1])
-        above = np.maximum(inside[::2], inside[1::2])
-        np.maximum(down[:, 1:], above[:, 1::2], out=down[:, 1:])
-        np.maximum(down[:, :-1], above[:, ::2], out=down[:, :-1])
-
-
-def _views(grid: np.ndarray, level: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The middles, and those of sides across and down, as views of the grid."""
-    s, h = 1 << level, 1 << level >> 1
-    return grid[h::s, h::s], grid[::s, h::s], grid[h::s, ::s]
-
-
-def _errors(grid: np.ndarray, whole: np.ndarray, levels: int) -> np.ndarray:
-    """The error of every point: exact, no less than its dependents', infinite next to holes."""
-    truth = [_Points.of(grid, level) for level in range(1, levels + 1)]
-    good, bad = _dependents(whole, levels), _dependents(~whole, levels)
-    errors: list[_Points] = []
-    for level, known, unknown in zip(range(1, levels + 1), good, bad, strict=True):
-        middles = _deviations(grid, truth[:level], "A").middles
-        mine = _deviations(grid, truth[:level], "B")._replace(middles=middles)
-        for values, some, others in zip(mine, known, unknown, strict=True):
-            values[some & others] = np.inf
-            values[~some] = 0
-        errors.append(mine)
-    _raise(errors, None)
-    out = np.zeros_like(grid)
-    for level, points in enumerate(errors, start=1):
-        for view, values in zip(_views(out, level), points, strict=True):
-            view[...] = values
-    return out
-
-
-def _deviations(grid: np.ndarray, truth: list[_Points], kind: str) -> _Points:
-    """Largest deviations of the grid from its interpolation, at the coarsest of these levels.
-
-    From the corners of its squares if `kind` is A; else from their middles, too.
-    """
-    top = len(truth)
-    corners = grid[:: 1 << top, :: 1 << top].copy()
-    half, off = np.float32(0.5), list[_Points]()
-    for level, exact in zip(range(top, 0, -1), reversed(truth), strict=True):
-        is_exact = level == top and kind == "B"
-        surface = _Points(
-            exact.middles if is_exact else _middles_between(corners),
-            half * (corners[:, :-1] + corners[:, 1:]),
-            half * (corners[:-1] + corners[1:]),
-        )
-        pairs = zip(exact, surface, strict=True)
-        off.append(_Points(*(np.abs(one - other) for one, other in pairs)))
-        if level > 1:
-            down, across = (2 * n - 1 for n in corners.shape)
-            finer = np.empty((down, across), np.float32)
-            finer[::2, ::2] = corners
-            for view, values in zip(_views(finer, 1), surface, strict=True):
-                view[...] = values
-            corners = finer
-    off.reverse()
-    _raise(off, None)
-    return off[-1]
-
-
-def _middles_between(corners: np.ndarray) -> np.ndarray:
-    """The mean of the ends of every square's diagonal."""
-    falling, rising = corners[:-1, :-1] + corners[1:, 1:], corners[:-1, 1:] + corners[1:, :-1]
-    falling[::2, 1::2] = rising[::2, 1::2]
-    falling[1::2, ::2] = rising[1::2, ::2]
-    falling *= np.float32(0.5)
-    return falling
-
-
-def _dependents(squares: np.ndarray, levels: int) -> list[_Points]:
-    """The points that any of these squares depends on."""
-    down, across = squares.shape
-    marked = [
-        _Points.of(np.zeros((down + 1, across + 1), np.bool_), level)
-        for level in range(1, levels + 1)
-    ]
-    _raise(marked, squares)
-    return marked
-
-
-def _raise(levels: list[_Points], squares: np.ndarray | None) -> None:
-    """Raise every point, finest level first, to the largest of the points that depend on it."""
-    inside = squares
-    for points in levels:
-        if inside is not None:
-            points.raise_sides(inside)
-        points.raise_middles()
-        inside = points.middles
