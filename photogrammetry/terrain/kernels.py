@@ -26,6 +26,10 @@ SKY_M = 10_000.0
 """Range where no ground is seen."""
 PENDING = np.float32(-1)
 """Error of a point that is still to be computed."""
+SIGMA_STEP_M = np.float32(1e-5)
+MOST_STEPS = 65535
+CUBE_BITS = 21
+"""Bits of a cube's number along an axis: a cloud is less than 2 million cubes wide."""
 HASH = np.int64(-7046029254386353131)
 """2^64 over the golden ratio: multiplied by it, keys near each other are spread evenly."""
 
@@ -488,23 +492,42 @@ def values_between(values: np.ndarray, rows: np.ndarray, cols: np.ndarray) -> np
     return found
 
 
-@compiled("indices", "indices")
-def least_of_each(key: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Index of the least `sigma` of every key, the first of equal ones; in any order.
+@compiled("points", "row", "float64")
+def best_in_cubes(points: np.ndarray, sigma_m: np.ndarray, spacing_m: float) -> np.ndarray:
+    """Indices of the most accurate points of all cubes, the first of equal ones, in their order.
 
     By a table of hashes with open addressing.
+
+    Args:
+        points: (n, 3), metres.
+        sigma_m: Their standard deviations, compared in steps of `SIGMA_STEP_M`.
+        spacing_m: Side of the cubes.
     """
+    count = len(points)
+    key, steps = np.empty(count, np.int64), np.empty(count, np.int32)
+    for n in range(count):
+        key[n] = 0
+        for axis in range(3):
+            cube = np.int64(np.floor(points[n, axis] / spacing_m))
+            key[n] = key[n] << CUBE_BITS | cube & (1 << CUBE_BITS) - 1
+        steps[n] = min(max(sigma_m[n] / SIGMA_STEP_M, 0), MOST_STEPS)
     size = 1
-    while size < 2 * len(key):
+    while size < 2 * count:
         size *= 2
-    table = np.full(size, -1, np.int64)
-    for n in range(len(key)):
-        slot = (key[n] * HASH >> 20) & (size - 1)
-        while table[slot] >= 0 and key[table[slot]] != key[n]:
-            slot = (slot + 1) & (size - 1)
-        if table[slot] < 0 or sigma[n] < sigma[table[slot]]:
+    table = np.full(size, -1, np.int32)
+    slot = 0
+    for n in range(count):
+        if n == 0 or key[n] != key[n - 1]:
+            slot = (key[n] * HASH >> 20) & (size - 1)
+            while table[slot] >= 0 and key[table[slot]] != key[n]:
+                slot = (slot + 1) & (size - 1)
+        if table[slot] < 0 or steps[n] < steps[table[slot]]:
             table[slot] = n
-    return table[table >= 0]
+    is_best = np.zeros(count, np.bool_)
+    for slot in range(size):
+        if table[slot] >= 0:
+            is_best[table[slot]] = True
+    return np.flatnonzero(is_best)
 
 
 @compiled("image", "mask", "int64")

@@ -30,13 +30,11 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     trusted_parallax,
 )
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
-from solmap.photogrammetry.terrain.kernels import least_of_each
+from solmap.photogrammetry.terrain.kernels import best_in_cubes
 from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 
 SAMPLED = 37
 """Step in pixels at which the brightness is sampled."""
-SIGMA_STEP_M = 1e-5
-"""Resolution at which standard deviations are compared."""
 TILE_SPACINGS = 256
 """Side of a tile in spacings of its level: about ten thousand points on even ground."""
 
@@ -113,21 +111,22 @@ def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> Point
 
 def thin(cloud: PointCloud, spacing_m: float) -> PointCloud:
     """The most accurate point of every cube of that side."""
-    kept = cloud.part(_best_in_cubes(cloud, spacing_m))
+    kept = cloud.part(best_in_cubes(cloud.points, cloud.sigma_m, spacing_m))
     return PointCloud(kept.points, kept.grey, kept.sigma_m, spacing_m)
 
 
 def cloud_tiles(cloud: PointCloud) -> Iterator[CloudTile]:
     """The cloud as a quadtree of tiles, coarsest first; together they are the whole of it."""
     side_m = TILE_SPACINGS * cloud.spacing_m
-    low, high = cloud.points[:, :2].min(axis=0), cloud.points[:, :2].max(axis=0)
+    low, high = np.array([(along.min(), along.max()) for along in cloud.points.T[:2]]).T
     south_west = np.floor(low / side_m) * side_m
     levels = int(np.ceil(np.log2(max(1.0, float((high - south_west).max()) / side_m * 1.0001))))
     rest = cloud
     for level in range(levels, -1, -1):
         spacing_m = cloud.spacing_m * 2**level
         left = np.ones(len(rest), np.bool_)
-        taken = _best_in_cubes(rest, spacing_m) if level else np.arange(len(rest))
+        every = np.arange(len(rest))
+        taken = best_in_cubes(rest.points, rest.sigma_m, spacing_m) if level else every
         left[taken] = False
         here, rest = rest.part(taken), rest.part(np.flatnonzero(left))
         col, row = (
@@ -150,22 +149,16 @@ def _view_points(
     """The trusted points of one pair, thinned."""
     parallax = trusted_parallax(view, params)
     planes = ground_points(view, parallax, params)
-    known = np.isfinite(planes[0])
-    away = planes[:, known].T
-    given = params.sigma_parallax_px if view.sigma_px is None else view.sigma_px[known]
+    at = np.flatnonzero(np.isfinite(planes[0]))
+    away = planes.reshape(3, -1).take(at, axis=1)
+    given = params.sigma_parallax_px if view.sigma_px is None else view.sigma_px.ravel()[at]
     sigma_px = np.where(np.isfinite(given), given, params.sigma_parallax_px)
-    range_m = np.linalg.norm(away, axis=1)
+    sigma_m = (np.linalg.norm(away, axis=0) * sigma_px / parallax.ravel()[at]).astype(np.float32)
+    points = np.ascontiguousarray(away.T, np.float64) + camera_on_map(view.lsl_from_pair)
+    best = best_in_cubes(points, sigma_m, spacing_m)
     black, white = stretch
-    grey = np.clip((view.image[known] - black) * (255 / (white - black)), 0, 255)
-    return thin(
-        PointCloud(
-            away.astype(np.float64) + camera_on_map(view.lsl_from_pair),
-            np.rint(grey).astype(np.uint8),
-            (range_m * sigma_px / parallax[known]).astype(np.float32),
-            spacing_m,
-        ),
-        spacing_m,
-    )
+    grey = np.clip((view.image.ravel()[at[best]] - black) * (255 / (white - black)), 0, 255)
+    return PointCloud(points[best], np.rint(grey).astype(np.uint8), sigma_m[best], spacing_m)
 
 
 def _concatenate(clouds: Sequence[PointCloud]) -> PointCloud:
@@ -175,15 +168,3 @@ def _concatenate(clouds: Sequence[PointCloud]) -> PointCloud:
         np.concatenate([cloud.sigma_m for cloud in clouds]),
         clouds[0].spacing_m,
     )
-
-
-def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
-    """Indices of the most accurate points of all cubes, in their order."""
-    if not len(cloud):
-        return np.zeros(0, np.int64)
-    cubes = np.floor(cloud.points / spacing_m).astype(np.int64)
-    cubes -= cubes.min(axis=0)
-    _, north, up = (int(one) + 1 for one in cubes.max(axis=0))
-    key = (cubes[:, 0] * north + cubes[:, 1]) * up + cubes[:, 2]
-    steps = np.clip(cloud.sigma_m / SIGMA_STEP_M, 0, 65535).astype(np.int64)
-    return np.sort(least_of_each(key, steps))
