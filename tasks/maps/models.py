@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solmap.photogrammetry.arrays import EightBits
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.photogrammetry.terrain.measure.facets import Facet, FacetParams, find_facets
@@ -35,7 +36,7 @@ from solmap.products.formats.mesh.gltf import Encoding, write_glb, write_points
 from solmap.products.formats.mesh.models import notes_of
 from solmap.products.formats.mesh.ply import write_ply
 from solmap.products.formats.mesh.tiles3d import TEXELS, TilesetWriter
-from solmap.products.formats.raster.orthophoto import read_texture
+from solmap.products.formats.raster.orthophoto import read_textures
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
@@ -70,9 +71,8 @@ def model_terrain(
         return TerrainMesher.of(read_stop_dtm(dtm, store))
 
     def write_model(path: Path) -> None:
-        texture, bounds = read_texture(
-            store.path(orthophoto), mesher().bounds, params.max_texture_px
-        )
+        places = [mesher().bounds]
+        [(texture, bounds)] = read_textures(store.path(orthophoto), places, params.max_texture_px)
         surface = mesher().surface(mesher().triangles.mesh(params.tolerance_m), bounds)
         mesh = TexturedMesh(str(dtm.scope), surface, texture)
         notes = {"tolerance_m": params.tolerance_m, **notes_of(model, landing)}
@@ -80,16 +80,24 @@ def model_terrain(
         path.write_bytes(write_glb([mesh], origin, jpeg_quality=params.jpeg_quality, notes=notes))
 
     def write_tileset(path: Path) -> None:
+        tiles = list(mesh_tiles(mesher(), tiling))
+        places = [tile.bounds for tile in tiles]
+        textures = read_textures(store.path(orthophoto), places, tiling.texture_px)
         with TilesetWriter(path, notes_of(tileset, landing)) as writer:
-            for tile in mesh_tiles(mesher(), tiling):
-                _add(writer, tile, store.path(orthophoto), tiling)
+            for tile, texture in zip(tiles, textures, strict=True):
+                _add(writer, tile, *texture, tiling)
 
     return store.make(model, write_model), store.make(tileset, write_tileset)
 
 
-def _add(writer: TilesetWriter, tile: MeshTile, orthophoto: Path, params: TilesetParams) -> None:
+def _add(
+    writer: TilesetWriter,
+    tile: MeshTile,
+    texture: EightBits,
+    bounds: Bounds,
+    params: TilesetParams,
+) -> None:
     west, _, east, _ = tile.bounds
-    texture, bounds = read_texture(orthophoto, tile.bounds, params.texture_px)
     surface = tile.surface(bounds)
     glb = write_glb(
         [TexturedMesh("terrain", surface, texture)],

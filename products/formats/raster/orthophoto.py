@@ -8,7 +8,7 @@ terrain model: the name of the image of each cell.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -155,33 +155,47 @@ _TINY = 1e-6
 """Tolerance of decimal fractions, in cells."""
 
 
-def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[EightBits, Bounds]:
-    """An orthophoto within (west, south, east, north), and the outer bounds of its pixels.
+def read_textures(
+    path: Path, places: Iterable[Bounds], max_px: int
+) -> Iterator[tuple[EightBits, Bounds]]:
+    """An orthophoto within each (west, south, east, north), and the outer bounds of its pixels.
 
     It is shrunk until its longest side is at most `max_px` pixels. Ground without image is grey,
     except for a few pixels along its edge that continue the image.
     """
     with open_raster(path) as dataset:
         grid = grid_of(dataset)
-        west, south, east, north = bounds
-        first_col = math.floor((west - grid.west) / grid.cell_m + _TINY)
-        first_row = math.floor((grid.north - north) / grid.cell_m + _TINY)
-        cols = max(1, math.ceil((east - grid.west) / grid.cell_m - _TINY) - first_col)
-        rows = max(1, math.ceil((grid.north - south) / grid.cell_m - _TINY) - first_row)
-        shrink = max(1.0, max(rows, cols) / max_px)
-        shape = (max(1, round(rows / shrink)), max(1, round(cols / shrink)))
-        stored = dataset.read(
-            1,
-            window=Window(first_col, first_row, cols, rows),
-            boundless=True,
-            out_shape=shape,
-            resampling=Resampling.average,
-        )
-    return _extend_edges(stored), grid.part(first_row, first_col, rows, cols).bounds
+        for west, south, east, north in places:
+            first_col = math.floor((west - grid.west) / grid.cell_m + _TINY)
+            first_row = math.floor((grid.north - north) / grid.cell_m + _TINY)
+            cols = max(1, math.ceil((east - grid.west) / grid.cell_m - _TINY) - first_col)
+            rows = max(1, math.ceil((grid.north - south) / grid.cell_m - _TINY) - first_row)
+            shrink = max(1.0, max(rows, cols) / max_px)
+            stored = np.zeros(
+                (max(1, round(rows / shrink)), max(1, round(cols / shrink))), np.uint8
+            )
+            down, top, height = _inside(first_row, rows, stored.shape[0], grid.rows)
+            across, left, width = _inside(first_col, cols, stored.shape[1], grid.cols)
+            if stored[down, across].size:
+                stored[down, across] = dataset.read(
+                    1,
+                    window=Window(left, top, width, height),
+                    out_shape=stored[down, across].shape,
+                    resampling=Resampling.average,
+                )
+            yield _extend_edges(stored), grid.part(first_row, first_col, rows, cols).bounds
+
+
+def _inside(first: int, count: int, pixels: int, size: int) -> tuple[slice, float, float]:
+    """Pixels of a texture of some cells that are on the image, their first cell and their width."""
+    cells = count / pixels
+    low = max(0, math.ceil(-first / cells))
+    high = max(low, min(pixels, math.floor((size - first) / cells)))
+    return slice(low, high), first + low * cells, (high - low) * cells
 
 
 def _extend_edges(grey: EightBits) -> EightBits:
     """The image with its pixels extended into unseen ones (0), and grey beyond."""
-    reach = np.ones((2 * _EXTENDED_PX + 1,) * 2, np.uint8)
-    extended = np.where(grey > 0, grey, cv2.dilate(grey, reach))
-    return np.where(extended > 0, extended, np.uint8(_BLANK)).astype(np.uint8)
+    extended = cv2.dilate(grey, np.ones((2 * _EXTENDED_PX + 1,) * 2, np.uint8))
+    extended[extended == 0] = _BLANK
+    return np.where(grey > 0, grey, extended)

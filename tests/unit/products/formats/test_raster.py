@@ -12,6 +12,7 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.products.crs import IAU_RADIUS_M, LandingPoint, local_crs
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.formats.raster.orthophoto import (
+    read_textures,
     source_colour,
     write_brightness_blocks,
     write_orthophoto,
@@ -150,6 +151,18 @@ def test_an_orthophoto_keeps_brightness_to_half_a_grey_step_inside_its_stretch(t
     with rasterio.open(tmp_path / "o.tif") as dataset:
         assert dataset.dtypes == ("uint8",)
         np.testing.assert_array_equal(dataset.read_masks(1) > 0, seen)
+
+
+def test_a_texture_is_the_mean_of_the_image_and_grey_beyond_it(tmp_path, rng):
+    grid = MapGrid(0.0, 0.0, 0.01, 1024, 1024)
+    image = rng.uniform(0, 100, grid.shape).astype(np.float32)
+    write_orthophoto(tmp_path / "o.tif", grid, image, CRS, stretch=(0.0, 100.0))
+    [(texture, bounds)] = read_textures(tmp_path / "o.tif", [(-5.12, -5.12, 5.12, 5.12)], 256)
+    mean = 1 + 2.54 * image[:512, :512].reshape(128, 4, 128, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(texture[128:, 128:], mean, atol=1.5)  # rounded in two overviews
+    assert (texture[:120] == 128).all()
+    assert (texture[:, :120] == 128).all()
+    assert bounds == pytest.approx((-5.12, -5.12, 5.12, 5.12))
 
 
 def test_an_orthophoto_without_any_view_is_empty_rather_than_an_error(tmp_path):
