@@ -42,13 +42,13 @@ def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path):
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", EVERY_MOVE))
     workspace = Workspace.open(tmp_path / "store")
     with serving(tmp_path / "store") as server, listening(f"{server}/api/events") as heard:
-        assert heard.get(timeout=10)[0] == "hello"
+        assert heard.get(timeout=60)[0] == "hello"
         report = process(downlink, tmp_path / "store", pipeline)
         assert report.succeeded, report.failures
         workspace.catalogue.append_event("run.changed", {"is_over": True})
-        events = [heard.get(timeout=10)]
+        events = [heard.get(timeout=60)]
         while "is_over" not in events[-1][2]:
-            events.append(heard.get(timeout=10))
+            events.append(heard.get(timeout=60))
     waves = [wave(event, workspace) for event in events if event[0] == "layers.published"]
     stops = sorted({image.stop for image in workspace.catalogue.images()})
 

@@ -94,7 +94,7 @@ class Server:
 
     def __enter__(self) -> Server:
         self.thread.start()
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 120.0
         while not self.uvicorn.started and time.monotonic() < deadline:
             time.sleep(0.02)
         return self
