@@ -47,9 +47,8 @@ centred sums C_xy = S_xy - S_x S_y / S_1 the values scatter around the plane by
     s^2 = (C_hh - g_e C_eh - g_n C_nh) / (S_1 - 3)
 
 and errors of the cells with the mean variance v, common to k neighbours each, give the gradient the
-covariance k v C^-1. The raster is processed block by block with the window's margin, each block
-relative to its own mean plane: memory does not grow with the map, and single precision resolves a
-tenth of a millimetre anywhere.
+covariance k v C^-1. The raster is processed block by block with the window's margin, so that memory
+does not grow with the map; sums are in double precision, above the mean of each block.
 
 Planes of parallax maps are fitted in `matching.parallax_planes`.
 """
@@ -75,6 +74,7 @@ from solmap.photogrammetry.arrays import (
     Vector3,
 )
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.kernels import LAYERS, LEAST_POINTS, LEAST_SPREAD, window_planes
 
 Gradients = Float32[np.ndarray, "2 rows cols"]
 """Rise per metre towards east and towards north; NaN where no plane could be fitted."""
@@ -85,7 +85,6 @@ SHARED_PX = 25.0
 """Side of the square of pixels whose dense parallaxes count as one for the tilt of a plane: three
 matching windows. Compared with the truth of the rendered and of a simulated traverse this gives the
 right errors for planes of 0.3 to 1 m; with one window a half or a third would be stated."""
-LEAST_POINTS = 3
 ROUNDS = 50
 REWEIGHTINGS = 15
 """Rounds of reweighted least squares that approach least absolute deviations."""
@@ -97,9 +96,6 @@ CHANCE = 4.0
 """Standard deviations, each sqrt(2 / n), by which noise may enlarge the normal matrix."""
 SINGULAR = 1e-12
 """Fraction of the largest eigenvalue below which another one counts as zero."""
-LEAST_SPREAD = 0.02
-"""Second moment of the cells used, along their thinnest direction, over that of a full window. A
-strip of cells a seventh as wide as the window is the narrowest that defines a plane."""
 BLOCK = 256
 """Side of the blocks in cells, which fit a processor's cache."""
 _STEP = np.array([-1.0, 0.0, 1.0], np.float32)
@@ -307,9 +303,8 @@ def gradient_blocks(
 ) -> Iterator[tuple[tuple[slice, slice], Gradients]]:
     """Gradients and position of each block; blocks without elevation are omitted."""
     half = half_window(elevation.shape, cell_m, baseline_m)
-    for block in _raster_blocks(elevation, half):
-        sums = _Sums.of(elevation[block.around], half, min_share)
-        yield block.own, sums.gradient[(slice(None), *block.inner)] / np.float32(cell_m)
+    for own, gradient in _blocks(elevation, half, min_share, 2):
+        yield own, gradient / np.float32(cell_m)
 
 
 def fit_window_planes(
@@ -317,15 +312,12 @@ def fit_window_planes(
 ) -> WindowPlanes:
     """Planes fitted to windows, their scatter, and the shape of the cells they were fitted to."""
     half = half_window(elevation.shape, cell_m, baseline_m)
-    gradient, shape, scatter = (
-        np.full((*bands, *elevation.shape), np.nan, np.float32) for bands in ((2,), (3,), ())
-    )
-    for block in _raster_blocks(elevation, half):
-        sums = _Sums.of(elevation[block.around], half, min_share)
-        gradient[(slice(None), *block.own)] = sums.gradient[(slice(None), *block.inner)]
-        shape[(slice(None), *block.own)] = sums.shape[(slice(None), *block.inner)]
-        scatter[block.own] = sums.scatter()[block.inner]
-    return WindowPlanes(gradient / np.float32(cell_m), scatter, shape * np.float32(cell_m**2))
+    found = np.full((LAYERS, *elevation.shape), np.nan, np.float32)
+    for own, planes in _blocks(elevation, half, min_share, LAYERS):
+        found[(slice(None), *own)] = planes
+    found[:2] /= np.float32(cell_m)
+    found[2:5] *= np.float32(cell_m**2)
+    return WindowPlanes(found[:2], found[5], found[2:5])
 
 
 def window_mean(values: Raster, cell_m: float, baseline_m: float) -> Raster:
@@ -356,133 +348,18 @@ def half_window(shape: tuple[int, ...], cell_m: float, baseline_m: float) -> int
     return half
 
 
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """A part of a raster, with the margin that its windows need."""
-
-    own: tuple[slice, slice]
-    around: tuple[slice, slice]
-    inner: tuple[slice, slice]
-    """The part's own cells within the margin."""
-
-
-def _raster_blocks(elevation: Raster, half: int) -> Iterator[_Block]:
-    """The blocks with an elevation."""
+def _blocks(
+    elevation: Raster, half: int, min_share: float, layers: int
+) -> Iterator[tuple[tuple[slice, slice], Float32[np.ndarray, "layers rows cols"]]]:
+    """Position and `window_planes` of each block with an elevation."""
     rows, cols = elevation.shape
     for top, left in itertools.product(range(0, rows, BLOCK), range(0, cols, BLOCK)):
-        bottom, right = min(top + BLOCK, rows), min(left + BLOCK, cols)
-        above, before = max(0, top - half), max(0, left - half)
-        block = _Block(
-            (slice(top, bottom), slice(left, right)),
-            (slice(above, bottom + half), slice(before, right + half)),
-            (slice(top - above, bottom - above), slice(left - before, right - before)),
-        )
-        if np.isfinite(elevation[block.own]).any():
-            yield block
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sums:
-    """Centred sums over the windows of one block, lengths in cells."""
-
-    bent: Gradients
-    """Gradient relative to that of the block's mean plane."""
-    trend: Float32[np.ndarray, "2 1 1"]
-    """Gradient of the block's mean plane."""
-    shape: Shapes
-    count: Raster
-    height: Raster
-    """Elevation above the block's mean plane; 0 where unknown."""
-    half: int
-    rise: tuple[Raster, Raster, Raster]
-    """S_h, C_eh and C_nh."""
-
-    @classmethod
-    def of(cls, elevation: Raster, half: int, min_share: float) -> _Sums:
-        known = np.isfinite(elevation)
-        trend, rest = _detrend(elevation, known)
-        m, h = known.astype(np.float32), np.where(known, rest, np.float32(0))
-        S_1, S_e, S_n = (_moment(m, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
-        S_ee, S_en, S_nn = (_moment(m, half, powers) for powers in ((2, 0), (1, 1), (0, 2)))
-        S_h, S_eh, S_nh = (_moment(h, half, powers) for powers in ((0, 0), (1, 0), (0, 1)))
-        found = _solve((S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh))
-        window = 2 * half + 1
-        full = window * window * (window * window - 1) / 12
-        fits = known & (S_1 / window**2 >= min_share) & (found.thinnest > LEAST_SPREAD * full)
-        found.gradient[:, ~fits] = np.nan
-        rise = (S_h, *found.rise)
-        return cls(found.gradient, trend, np.stack(found.spread), S_1, h, half, rise)
-
-    @property
-    def gradient(self) -> Gradients:
-        """Rise per cell towards east and north."""
-        return self.bent + self.trend
-
-    def scatter(self) -> Raster:
-        """Standard deviation from the plane."""
-        S_h, C_eh, C_nh = self.rise
-        S_hh = _moment(self.height**2, self.half, (0, 0))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            C_hh = S_hh - S_h**2 / self.count
-            left = C_hh - self.bent[0] * C_eh - self.bent[1] * C_nh
-            return np.sqrt(np.maximum(left, 0) / (self.count - 3))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solution:
-    """The plane of every window, and the centred sums from which it follows."""
-
-    gradient: np.ndarray
-    """Gradient towards east and north."""
-    spread: tuple[np.ndarray, np.ndarray, np.ndarray]
-    """C_ee, C_en and C_nn."""
-    rise: tuple[np.ndarray, np.ndarray]
-    """C_eh and C_nh."""
-    thinnest: np.ndarray
-    """Second moment of the cells along their thinnest direction."""
-
-
-_Sums3 = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-def _solve(first: _Sums3, second: _Sums3, values: _Sums3) -> _Solution:
-    """Solve the normal equations from (S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh)."""
-    (S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh) = first, second, values
-    with np.errstate(invalid="ignore", divide="ignore"):
-        C_ee, C_en, C_nn = S_ee - S_e**2 / S_1, S_en - S_e * S_n / S_1, S_nn - S_n**2 / S_1
-        C_eh, C_nh = S_eh - S_e * S_h / S_1, S_nh - S_n * S_h / S_1
-        determinant = C_ee * C_nn - C_en**2
-        gradient = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh]) / determinant
-        thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
-    return _Solution(gradient, (C_ee, C_en, C_nn), (C_eh, C_nh), thinnest)
-
-
-def _detrend(
-    elevation: Raster, known: Bool[np.ndarray, "rows cols"]
-) -> tuple[Float32[np.ndarray, "2 1 1"], Raster]:
-    """Gradient of the mean plane, rise per cell to east and north, and heights above that plane."""
-    row, col = np.argwhere(known).T
-    some = slice(None, None, max(1, len(row) // 1000))
-    row, col = row[some], col[some]
-    heights = elevation[row, col].astype(np.float64)
-    right, down = col.astype(np.float64), row.astype(np.float64)
-    level, east, south = least_squares_plane(right, down, heights)
-    rows = np.arange(elevation.shape[0], dtype=np.float32)[:, None]
-    cols = np.arange(elevation.shape[1], dtype=np.float32)[None, :]
-    plane = np.float32(level) + np.float32(east) * cols + np.float32(south) * rows
-    return np.array([east, -south], np.float32).reshape(2, 1, 1), elevation - plane
-
-
-def _moment(values: Raster, half: int, powers: tuple[int, int]) -> Raster:
-    """Sum of values times e^a n^b over the window around every cell, in cells; north is up."""
-    steps = np.arange(-half, half + 1, dtype=np.float32)
-    return cv2.sepFilter2D(
-        values,
-        cv2.CV_32F,
-        steps ** powers[0],
-        (-steps) ** powers[1],
-        borderType=cv2.BORDER_CONSTANT,
-    )
+        own = slice(top, min(top + BLOCK, rows)), slice(left, min(left + BLOCK, cols))
+        if np.isfinite(elevation[own]).any():
+            above, before = max(0, top - half), max(0, left - half)
+            around = elevation[above : own[0].stop + half, before : own[1].stop + half]
+            inside = top - above, left - before, own[0].stop - top, own[1].stop - left
+            yield own, window_planes(np.ascontiguousarray(around), half, min_share, inside, layers)
 
 
 def nine_cell_gradients(elevation: Raster, cell_m: float) -> Gradients:
@@ -518,9 +395,14 @@ def _fit_nine(nine: Float32[np.ndarray, "9 n"]) -> Float32[np.ndarray, "2 n"]:
     S_1, S_e, S_n, S_h = (sums.sum(axis=0) for sums in (m, m * e, m * n, m * h))
     S_ee, S_en, S_nn = (sums.sum(axis=0) for sums in (m * e * e, m * e * n, m * n * n))
     S_eh, S_nh = (sums.sum(axis=0) for sums in (m * e * h, m * n * h))
-    found = _solve((S_1, S_e, S_n), (S_ee, S_en, S_nn), (S_h, S_eh, S_nh))
-    fits = (_MIN_SHARE * len(m) <= S_1) & (found.thinnest > LEAST_SPREAD * _FULL_SPREAD)
-    return np.where(fits, found.gradient, np.float32(np.nan)).astype(np.float32)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        C_ee, C_en, C_nn = S_ee - S_e**2 / S_1, S_en - S_e * S_n / S_1, S_nn - S_n**2 / S_1
+        C_eh, C_nh = S_eh - S_e * S_h / S_1, S_nh - S_n * S_h / S_1
+        determinant = C_ee * C_nn - C_en**2
+        gradient = np.stack([C_nn * C_eh - C_en * C_nh, C_ee * C_nh - C_en * C_eh]) / determinant
+    thinnest = (C_ee + C_nn) / 2 - np.sqrt((C_ee - C_nn) ** 2 / 4 + C_en**2)
+    fits = (_MIN_SHARE * len(m) <= S_1) & (thinnest > LEAST_SPREAD * _FULL_SPREAD)
+    return np.where(fits, gradient, np.float32(np.nan)).astype(np.float32)
 
 
 def filled_gradients(elevation: Raster, cell_m: float, half: int) -> Gradients:
