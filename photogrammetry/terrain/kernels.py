@@ -3,8 +3,8 @@
 Points are (east, north, up) from the camera, metres, single precision, as planes of shape
 (3, lines, samples). A square has four neighbouring pixels as corners and is marked at its upper
 left one. The methods are described where the loops are called: `dtm.ground`, `dtm.heights`,
-`dtm.occlusion`, `insolation.horizon`, `orthophoto.panorama_grid`, `mesh.point_cloud`,
-`mesh.right_triangles`.
+`dtm.occlusion`, `dtm.rover_body`, `insolation.horizon`, `orthophoto.panorama_grid`,
+`mesh.point_cloud`, `mesh.right_triangles`.
 """
 
 from __future__ import annotations
@@ -72,6 +72,39 @@ def points_of_pixels(
                 planes[0, y, x], planes[1, y, x] = east, north
                 planes[2, y, x] = _along_ray(rotation[2], across[x], down[y]) * depth
     return planes
+
+
+@compiled("image", "points", "points", "per_point", "per_point", "float32")
+def pixels_in_box(
+    parallax: np.ndarray,
+    pose: np.ndarray,
+    corners: np.ndarray,
+    across: np.ndarray,
+    down: np.ndarray,
+    focal_base: np.float32,
+) -> np.ndarray:
+    """Pixels whose points are in a box.
+
+    Args:
+        parallax: (lines, samples), pixels; NaN where there is none.
+        pose: (3, 4), rotation and translation from the pair to the box, metres.
+        corners: (2, 3), least and largest coordinates of the box.
+        across: Right over forward, of every sample.
+        down: Down over forward, of every line.
+        focal_base: Focal length x base, pixel metres.
+    """
+    lines, samples = parallax.shape
+    inside = np.zeros((lines, samples), np.bool_)
+    for y in range(lines):
+        for x in range(samples):
+            if parallax[y, x] > 0:
+                depth = focal_base / parallax[y, x]
+                inside[y, x] = True
+                for axis in range(3):
+                    right, below, ahead, origin = pose[axis]
+                    place = (right * across[x] + below * down[y] + ahead) * depth + origin
+                    inside[y, x] &= corners[0, axis] < place < corners[1, axis]
+    return inside
 
 
 @compiled()

@@ -15,6 +15,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Mask, Vector3
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
+from solmap.photogrammetry.terrain.kernels import pixels_in_box
 
 MAST_M = 0.4
 """Cameras at least this far above the deck are on the mast; those of Spirit are 0.9 m above it."""
@@ -68,21 +69,18 @@ def mask_rover(view: TerrainView, mission: str) -> TerrainView:
 def _points_inside(view: TerrainView, body: RoverBody) -> Mask:
     """Pixels whose matched points are in the box."""
     geometry = view.geometry
-    farthest = float(np.linalg.norm(np.subtract(*body.corners))) + 2 * body.deck_m
-    shown = np.zeros(view.parallax.shape, dtype=np.bool_)
-    with np.errstate(invalid="ignore"):
-        line, sample = np.nonzero(view.parallax > geometry.focal_px * geometry.base_m / farthest)
-    depth = geometry.focal_px * geometry.base_m / view.parallax[line, sample]
-    x = (sample - geometry.centre_px[0]) / geometry.focal_px * depth
-    y = (line - geometry.centre_px[1]) / geometry.focal_px * depth
-    pose, inside = geometry.rover_from_pair, np.ones(len(depth), dtype=np.bool_)
-    for (right, below, ahead), origin, low, high in zip(
-        pose.rotation, pose.translation_m, *body.corners, strict=True
-    ):
-        place = right * x + below * y + ahead * depth + origin
-        inside &= (place > low) & (place < high)
-    shown[line, sample] = inside
-    return shown
+    lines, samples = view.parallax.shape
+    across = (np.arange(samples) - geometry.centre_px[0]) / geometry.focal_px
+    down = (np.arange(lines) - geometry.centre_px[1]) / geometry.focal_px
+    pose = geometry.rover_from_pair
+    return pixels_in_box(
+        view.parallax,
+        np.column_stack([pose.rotation, pose.translation_m]),
+        np.stack(body.corners),
+        across,
+        down,
+        np.float32(geometry.focal_px * geometry.base_m),
+    )
 
 
 def _rays_through(view: TerrainView, body: RoverBody) -> Mask:
