@@ -451,25 +451,19 @@ def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
 
 
 def test_a_request_that_lacked_memory_beside_others_is_repeated_in_a_new_process(
-    world, tmp_path, monkeypatch
+    worker, monkeypatch
 ):
-    worker = Worker((world.root,), 300)
-    worker.start(tmp_path)
-    try:
-        asyncio.run(body_of(worker, "/api/missions"))
-        processes, exchange = [], Worker._exchange
+    asyncio.run(body_of(worker, "/api/missions"))
+    processes, exchange = [], Worker._exchange
 
-        async def lack_memory_once(self, request, body):
-            processes.append(self._number)
-            answer, is_full, _ = await exchange(self, request, body)
-            return answer, is_full, len(processes) == 1
+    async def lack_memory_once(self, request, body):
+        processes.append(self._number)
+        answer, is_full, _ = await exchange(self, request, body)
+        return answer, is_full, len(processes) == 1
 
-        monkeypatch.setattr(Worker, "_exchange", lack_memory_once)
-        assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
-        assert len(set(processes)) == 2
-    finally:
-        worker.stop()
-        worker.launcher.close()
+    monkeypatch.setattr(Worker, "_exchange", lack_memory_once)
+    assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
+    assert len(set(processes)) == 2
 
 
 @pytest.mark.slow
