@@ -260,8 +260,8 @@ def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):
 
 
 def test_of_two_files_of_an_image_the_later_edition_counts_in_any_order(tmp_path):
-    world = WorldParams("hills", TraverseParams(stops=1), pairs=1, averaging=4)
-    file = next(f for f in rendered_images(world, 3) if f.path.endswith("l0m1.img"))
+    world = WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4)
+    file = next(f for f in rendered_images(world, 21) if f.path.endswith("l0m1.img"))
     made = re.search(rb"PRODUCT_CREATION_TIME\s*= (\d{4})", file.data)
     later = file.data[: made.start(1)] + b"2039" + file.data[made.end(1) :]
     twin = file.data[:-1] + bytes([file.data[-1] ^ 1])  # made at the same time, another content
