@@ -28,16 +28,16 @@ processed = pytest.mark.usefixtures("engine")
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Two sols of site 10, one of site 11, and what ties site 10 to the lander and 11 to 10.
+    """Two sols of site 10, two of site 11, and what ties site 10 to the lander and 11 to 10.
 
     Both vector files have the same name, as the master files of a mission.
     """
     root = tmp_path_factory.mktemp("folders")
-    downlink = write_small_downlink(root / "whole", stops=3, pairs=1)
+    downlink = write_small_downlink(root / "whole", stops=4, pairs=1)
     (svf,) = downlink.rglob("*.svf")
     file = parse_vector_file(svf.read_text(), svf.name)
     made = []
-    for number, sols in enumerate(("155", "156", "157")):
+    for number, sols in enumerate(("155", "156", "15[78]")):
         folder = root / f"images{number}"
         folder.mkdir()
         for image in downlink.rglob(f"sol0{sols}/*/*.img"):
