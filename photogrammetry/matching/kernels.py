@@ -455,7 +455,7 @@ def _affine_columns(patch: np.ndarray, design: np.ndarray) -> None:
 
 
 @compiled()
-def _correlation_of_neighbours(residual: np.ndarray, side: int) -> float:
+def correlated_neighbours(residual: np.ndarray, side: int) -> float:
     """Number of correlated neighbouring residuals that are equivalent to one.
 
     Smoothed and interpolated patches leave correlated residuals; for a first-order process (1 + r)
@@ -538,7 +538,7 @@ def fit_affine(
                     other = min(max(found[4 + j], -stretch), stretch)
                     change[i, j] = affine[i, 0] * one + affine[i, 1] * other
             affine += change
-        variance *= _dot(rest, rest) / (size - UNKNOWNS) * _correlation_of_neighbours(rest, side)
+        variance *= _dot(rest, rest) / (size - UNKNOWNS) * correlated_neighbours(rest, side)
         _draw_patch(searches[n], affine, u, v, patch)
         _affine_columns(patch, design)
         energy = np.sqrt(power * _dot(design[6], design[6]))

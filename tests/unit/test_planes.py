@@ -1,9 +1,9 @@
-"""Planes through nine cells, beside those fitted over windows."""
+"""Planes of windows and of nine cells of a raster."""
 
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.planes import nine_cell_gradients, window_gradients
+from solmap.photogrammetry.planes import fit_window_planes, nine_cell_gradients, window_gradients
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.1, 0.4, 0.8, 1.0])
@@ -32,3 +32,24 @@ def test_a_tilted_plane_has_one_gradient_with_any_missing_cells(rng):
 def test_the_outermost_cells_have_no_gradient():
     found = nine_cell_gradients(np.zeros((5, 6), np.float32), 1.0)
     np.testing.assert_array_equal(np.isfinite(found).sum(axis=(1, 2)), [12, 12])
+
+
+def test_planes_of_windows_are_those_of_least_squares_with_any_missing_cells(rng):
+    elevation = (rng.normal(-1900.0, 0.05, (40, 300))).astype(np.float32)  # two blocks
+    elevation[rng.random(elevation.shape) < 0.3] = np.nan
+    found = fit_window_planes(elevation, 0.5, 2.5)
+    known = np.argwhere(np.isfinite(found.scatter))
+    assert len(known) > 5000
+    for row, col in [*known[:3], *known[-3:], *rng.choice(known, 40)]:
+        rows, cols = (slice(max(0, at - 2), at + 3) for at in (row, col))
+        height = elevation[rows, cols].astype(float)
+        south, east = (steps[np.isfinite(height)] for steps in np.indices(height.shape) * 0.5)
+        design = np.column_stack([east - east.mean(), south.mean() - south, np.ones_like(east)])
+        height = height[np.isfinite(height)]
+        plane, squares, *_ = np.linalg.lstsq(design, height)
+        normal = design.T @ design
+        np.testing.assert_allclose(found.gradient[:, row, col], plane[:2], atol=1e-6)
+        scatter = np.sqrt(squares[0] / (len(height) - 3))
+        assert found.scatter[row, col] == pytest.approx(scatter, rel=1e-5)
+        shape = normal[0, 0], normal[0, 1], normal[1, 1]
+        np.testing.assert_allclose(found.shape[:, row, col], shape, rtol=1e-5, atol=1e-5)

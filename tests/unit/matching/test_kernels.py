@@ -113,6 +113,17 @@ def test_offsets_are_fitted_as_by_gauss_newton_steps_in_numpy(textures, pixels):
         np.testing.assert_allclose(fitted[2:], step, atol=1e-4)
 
 
+def test_correlated_residuals_count_less(rng):
+    white = rng.normal(size=(50, 21, 21))
+    smooth = ndimage.gaussian_filter(white, (0, 1.0, 1.0))
+    alone, together = (
+        [kernels.correlated_neighbours(patch, 21) for patch in patches.reshape(50, -1)]
+        for patches in (white, smooth)
+    )
+    assert np.median(alone) < 1.2
+    assert np.median(together) > 5.0
+
+
 def moved_patch(search, affine, shift, half):
     """A search patch on the moved grid, less the mean of its part without the rim of two cells."""
     row, col = np.mgrid[-half - 2 : half + 3, -half - 2 : half + 3]

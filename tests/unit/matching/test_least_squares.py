@@ -57,14 +57,3 @@ def test_a_change_of_shape_is_found_with_the_shift(rng):
     assert np.median(np.abs(fits.shift - shift)) < 0.02
     assert np.median(fits.correlation) > 0.98
     assert np.median(fits.last_step) < 0.01
-
-
-def test_correlated_residuals_count_less(rng):
-    templates, searches, start = drawn(rng, 0.0)
-    white = rng.normal(size=templates.shape)
-    smooth = ndimage.gaussian_filter(white, (0, 1.0, 1.0))
-    alone, together = (
-        fit_patches((templates + noise / noise.std()).astype(np.float32), searches, start, 8).sigma
-        for noise in (white, smooth)
-    )
-    assert np.median(together) > 1.5 * np.median(alone)

@@ -24,9 +24,9 @@ def parallax(rng):
     """Of rough ground; NaN at gaps and beyond the horizon."""
     y = (np.arange(LINES) - CAMERA[3])[:, None] / CAMERA[1]
     depth = 1.4 / np.maximum(y + np.tan(np.radians(12)), 1e-3)
-    smooth = CAMERA[0] / depth * np.ones(SAMPLES) * rng.normal(1, 0.02, (LINES, SAMPLES))
-    smooth[rng.random(smooth.shape) < 0.05] = np.nan
-    return smooth.astype(np.float32)
+    rough = CAMERA[0] / depth * np.ones(SAMPLES) * rng.normal(1, 0.02, (LINES, SAMPLES))
+    rough[rng.random(rough.shape) < 0.05] = np.nan
+    return rough.astype(np.float32)
 
 
 def ground(parallax, rotation):
