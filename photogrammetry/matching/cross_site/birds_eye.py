@@ -147,12 +147,12 @@ def draw_birds_eye(
         least_px = camera[0] / (1.2 * params.radius_m)
         seen = pair.images.left_mask[:, ::2] & (pair.parallax[:, ::2] > least_px)
         grey = pair.images.left[:, ::2][seen]
-        usual = max(float(np.median(grey)), 1e-6) if len(grey) else 1.0
+        median = max(float(np.median(grey)), 1e-6) if len(grey) else 1.0
         rasters = pair.parallax, pair.images.left_mask, pair.images.left
         for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
             grid = cell_m, params.radius_m, size
             own = sum_ground(rasters, camera, rotation, origin, least_px, grid)
-            own[1] /= usual
+            own[1] /= median
             np.add(total, own, out=total)
     views = []
     for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):

@@ -56,19 +56,20 @@ def sum_ground(
     least_px: float,
     grid: tuple[float, float, int],
 ) -> np.ndarray:
-    """Number of points in each cell, sums of their grey values and of their elevations.
+    """Sum up the points of a pair in the cells of the level plane of its stop.
 
     Args:
-        rasters: Parallax, NaN where there is none; usable pixels; the left image.
-        camera: As above.
-        rotation: As above.
-        origin: As above.
-        least_px: Parallax of the farthest ground.
+        rasters: Parallax in pixels, NaN where there is none; usable pixels; the left image, all of
+            shape (lines, samples).
+        camera: (4,), pixel metres and pixels.
+        rotation: (3, 3), level frame from pair.
+        origin: (3,), the left camera in the level frame, metres.
+        least_px: Parallax of the farthest ground, pixels.
         grid: Side of a cell, and distance of the borders from the rover, in metres; number of rows
             and columns.
 
     Returns:
-        Shape (3, size x size).
+        (3, cells): number, sum of grey values, sum of metres above the rover.
     """
     parallax, mask, grey = rasters
     sums = np.zeros((3, grid[2] * grid[2]))
@@ -101,19 +102,20 @@ def sum_heights(
     """Weights, one over the squared range, and weighted elevations of points that are not crests.
 
     A point of parallax p on the ray (x, y, 1) / f is in range and faces the camera where p exceeds
-    a limit that depends on the ray and, for facing, on the slope of the parallax.
+    a limit that depends on the ray and, for facing, on the slope of the parallax. What is compared
+    with the heights so summed is described in `surface_alignment`.
 
     Args:
         parallax: (lines, samples), pixels; NaN where there is none.
-        camera: As above.
-        rotation: As above.
-        origin: As above.
-        farthest_m: Largest range.
+        camera: (4,), pixel metres and pixels.
+        rotation: (3, 3), level frame from pair.
+        origin: (3,), the left camera in the level frame, metres.
+        farthest_m: Largest range, metres.
         grid: Side of a cell, and distance of the borders from the rover, in metres; number of rows
             and columns.
 
     Returns:
-        Shape (2, size x size).
+        (2, cells): sum of weights, one per square metre; sum of these times metres above the rover.
     """
     sums = np.zeros((2, grid[2] * grid[2]))
     k, focal = GRADIENT_PX, camera[1]
