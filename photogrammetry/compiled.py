@@ -104,6 +104,17 @@ def compiled(
     return lambda function: Compiled(function, kinds, reorder_sums=reorder_sums)
 
 
+def load_compiler() -> None:
+    """Load Numba, and the result of one function with it, which takes most of the time of all.
+
+    Otherwise the first call takes a third of a second, while which every thread waits.
+    """
+    for function in KERNELS:
+        if function.kinds:
+            _ = function.dispatcher
+            return
+
+
 def compile_all() -> None:
     """Compile, and keep, all functions of the science with known kinds of arguments."""
     package = importlib.import_module(__package__)

@@ -36,6 +36,7 @@ from pathlib import Path
 
 from solmap.config.settings import PREFIX, Settings
 from solmap.flows.runtime.children import Child, module_command
+from solmap.photogrammetry.compiled import load_compiler
 from solmap.products.store.faults import require_writable
 from solmap.products.store.process import use_one_heap
 
@@ -188,14 +189,16 @@ def address(port: int) -> str:
 def engine_child(store: Path, port: int, *, has_pages: bool) -> Child:
     """The server of a store, not started yet. It listens on this machine only."""
     make_database(Path(os.environ.get("PREFECT_HOME", store / "prefect")) / "prefect.db")
-    command = ("server", "start", "--host", "127.0.0.1", "--port", str(port))
     environment = {
+        "PREFECT_SERVER_API_HOST": "127.0.0.1",
+        "PREFECT_SERVER_API_PORT": str(port),
         "PREFECT_SERVER_API_AUTH_STRING": password_file(store).read_text(),
         "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": f"{address(port)},http://localhost:{port}",
         **({} if has_pages else RUN_ONLY),
     }
     log_file = store / "logs" / "engine.log"
-    return Child("engine", module_command("prefect", *command), environment, log_file)
+    command = module_command("solmap.flows.runtime.prefect_server")
+    return Child("engine", command, environment, log_file)
 
 
 def use_engine(store: Path, port: int) -> None:
@@ -217,7 +220,7 @@ def await_engine(child: Child, port: int) -> None:
                 f"Prefect's server does not answer at {address(port)}; is the port taken? Its log "
                 f"is {child.log}"
             )
-        time.sleep(0.2)
+        time.sleep(0.05)
 
 
 def port_file(store: Path) -> Path:
@@ -271,6 +274,7 @@ def start_engine(store: Path, flows: str = "prefect.main") -> None:
     atexit.register(child.stop)
     use_engine(store, port)
     importlib.import_module(flows)
+    load_compiler()
     await_engine(child, port)
     threading.Thread(target=_keep_alive, args=(child,), name="engine-watch", daemon=True).start()
 

@@ -123,7 +123,7 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
     return replace(
         view,
         lsl_from_pair=pair.orientation.lsl_from(view.geometry.rover_from_pair.source),
-        sigma_px=np.hypot(sigma_px, np.float32(toe_in.offset_px)),
+        sigma_px=np.sqrt(sigma_px * sigma_px + np.float32(toe_in.offset_px**2)),
         shared=toe_in,
         covariance=pair.orientation.covariance_6x6,
         height_bias=pair.orientation.height_bias,

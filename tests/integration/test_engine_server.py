@@ -49,7 +49,7 @@ def test_a_run_continues_on_a_new_engine_after_the_first_one_ends(tmp_path):
     (server,) = [
         child
         for child in psutil.Process(run.pid).children()
-        if "server" in child.cmdline() and "prefect" in child.cmdline()
+        if "solmap.flows.runtime.prefect_server" in child.cmdline()
     ]
     server.send_signal(signal.SIGKILL)
     message, _ = run.communicate(timeout=300)

@@ -41,6 +41,7 @@ from solmap.photogrammetry.terrain.dtm.ground import (
 )
 from solmap.photogrammetry.terrain.dtm.records import GroundClass, TerrainView
 from solmap.photogrammetry.terrain.kernels import hidden_along
+from solmap.photogrammetry.threads import in_threads
 
 LINES = 1.0
 """Fewest lines of the image by which something counts as above another."""
@@ -69,8 +70,8 @@ def mark_occluded(
     """The classes of a terrain model with its hidden cells marked."""
     without = ground == GroundClass.UNSEEN
     free, hidden = (np.zeros(grid.shape, dtype=np.bool_) for _ in range(2))
-    for view in views:
-        _mark_view(view, elevation, grid, without, params, (free, hidden))
+    found = (free, hidden)  # in which two views may set the same cells at the same time
+    in_threads(lambda view: _mark_view(view, elevation, grid, without, params, found), views)
     marked = ground.copy()
     marked[without & hidden & ~free] = GroundClass.OCCLUDED
     return marked

@@ -29,6 +29,7 @@ from solmap.photogrammetry.terrain.orthophoto.mosaic import (
     view_shares,
 )
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import ViewSampler
+from solmap.photogrammetry.threads import stream_in_threads
 
 Stretch = tuple[float, float]
 """Brightness shown as black and as white."""
@@ -89,21 +90,26 @@ class OrthophotoRendering:
 
     def blocks(self) -> Iterator[OrthophotoBlock]:
         """The blocks in which any view shows ground, row by row."""
-        params, cell_m, place = self.params, self.dtm.grid.cell_m, self.source_grid
-        side = max(1, params.block_cells // self.ratio)
-        for row, col, rows, cols in windows(place, side):
-            patch = TerrainPatch.of(self.dtm, place.part(row, col, rows, cols))
-            if not patch.seen.any():
-                continue
-            shared = view_shares(self.samplers, patch, cell_m)
-            if not shared.views:
-                continue
-            yield OrthophotoBlock(
-                row * self.ratio,
-                col * self.ratio,
-                blend(self.samplers, patch, shared, params.cell_m, self.ratio),
-                shared.sources(patch.seen),
-            )
+        side = max(1, self.params.block_cells // self.ratio)
+        rendered = stream_in_threads(self._block, windows(self.source_grid, side))
+        return (block for block in rendered if block is not None)
+
+    def _block(self, window: tuple[int, int, int, int]) -> OrthophotoBlock | None:
+        """The block of some cells of the sources; None if no view shows ground there."""
+        row, col, rows, cols = window
+        params, cell_m = self.params, self.dtm.grid.cell_m
+        patch = TerrainPatch.of(self.dtm, self.source_grid.part(row, col, rows, cols))
+        if not patch.seen.any():
+            return None
+        shared = view_shares(self.samplers, patch, cell_m)
+        if not shared.views:
+            return None
+        return OrthophotoBlock(
+            row * self.ratio,
+            col * self.ratio,
+            blend(self.samplers, patch, shared, params.cell_m, self.ratio),
+            shared.sources(patch.seen),
+        )
 
 
 def prepare_orthophoto(

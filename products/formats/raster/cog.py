@@ -47,6 +47,7 @@ _LOSSLESS = {
     "LEVEL": 1,  # 6 takes a third longer for two percent of the size
     "SPARSE_OK": "TRUE",
     "BIGTIFF": "IF_SAFER",
+    "NUM_THREADS": "ALL_CPUS",  # the bytes are the same
 }
 _NODATA = {"float32": math.nan, "uint8": 0}
 
