@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from solmap.config.records import ConfigError, faults_of, read_toml, record_of
+from solmap.config.settings import PIPELINES
 from solmap.photogrammetry.adjustment.model.params import AdjustmentMode, AdjustmentParams
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.adjustment.quality.records import QualityParams
@@ -42,8 +43,6 @@ from solmap.photogrammetry.terrain.relief.slope import HillshadeParams, SlopePar
 from solmap.photogrammetry.terrain.traversability.hazard import HazardParams
 from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
-
-SHIPPED = Path(__file__).parent / "pipelines"
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,10 +154,10 @@ def faults_of_pipeline(name: str) -> list[str]:
 
 
 def _read(name: str) -> tuple[Path, dict[str, Any]]:
-    path = SHIPPED / f"{name}.toml"
+    path = PIPELINES / f"{name}.toml"
     if not path.is_file():
         path = Path(name)
     if not path.exists():
-        shipped = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
+        shipped = ", ".join(sorted(file.stem for file in PIPELINES.glob("*.toml")))
         raise ConfigError(f"there is no pipeline {name!r}: name one of {shipped}, or a TOML file")
     return path, read_toml(path)

@@ -16,6 +16,8 @@ from solmap.config.records import ConfigError, nearest_name
 from solmap.products.store.backends import ObjectStorage
 
 PREFIX = "SOLMAP_"
+PIPELINES = Path(__file__).parent / "pipelines"
+"""Folder of the shipped pipelines."""
 
 
 def _cron_line(text: str) -> str:

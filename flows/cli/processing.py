@@ -303,12 +303,15 @@ def engine_of(store: Path, flows: str) -> Iterator[None]:
 
 def _pipeline_of(given: str | None) -> str:
     """The name of a shipped pipeline, or the absolute path of a file, validated."""
-    from solmap.config.pipeline import SHIPPED, load_pipeline  # noqa: PLC0415 - slow to import
-    from solmap.config.settings import Settings  # noqa: PLC0415
+    from solmap.config.settings import PIPELINES, Settings  # noqa: PLC0415 - as above
 
     name = given or Settings().pipeline
+    if (PIPELINES / f"{name}.toml").is_file():
+        return name
+    from solmap.config.pipeline import load_pipeline  # noqa: PLC0415 - it takes half a second
+
     load_pipeline(name)
-    return name if (SHIPPED / f"{name}.toml").is_file() else str(Path(name).absolute())
+    return str(Path(name).absolute())
 
 
 def _print_report(

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import pytest
 
-from solmap.config.pipeline import SHIPPED, PipelineConfig, load_pipeline
+from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.records import ConfigError
+from solmap.config.settings import PIPELINES
 from solmap.photogrammetry.matching.conjugates import ConjugateParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 
 
 def test_every_shipped_pipeline_can_be_loaded():
-    names = [path.stem for path in SHIPPED.glob("*.toml")]
+    names = [path.stem for path in PIPELINES.glob("*.toml")]
     assert {"default", "quicklook"} <= set(names)
     for name in names:
         assert isinstance(load_pipeline(name), PipelineConfig)
