@@ -105,9 +105,9 @@ def compiled(
 
 
 def load_compiler() -> None:
-    """Load Numba, and the result of one function with it, which takes most of the time of all.
+    """Load Numba and one of the functions imported so far, which takes longer than all others.
 
-    Otherwise the first call takes a third of a second, while which every thread waits.
+    Otherwise the first call does, for a third of a second in which other threads wait too.
     """
     for function in KERNELS:
         if function.kinds:
