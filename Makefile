@@ -96,7 +96,7 @@ $(SUITES): develop viewer kernels  ## One of the suites of tests; PYTEST has fur
 	$(BIN)/pytest $(PARALLEL) $(PYTEST) tests/$@
 
 test-viewer: viewer
-	cd $(VIEWER) && $(NPM) test --silent
+	cd $(VIEWER) && $(NPM) run --silent check && $(NPM) test --silent
 
 check: develop  ## Style, types and the direction of imports.
 	$(BIN)/ruff check .

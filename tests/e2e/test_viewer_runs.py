@@ -293,6 +293,24 @@ def test_an_annotation_has_a_category_and_is_a_draft_until_it_is_published(page,
     assert len(EditLog.of(workspace.store.root).edits("MER2")) == 3
 
 
+SLOW_FORM = """document.addEventListener("focusin", ({ target }) => {
+  const until = performance.now() + 150;
+  while (target.matches("dialog textarea") && performance.now() < until);
+})"""
+
+
+def test_a_drawn_point_is_not_identified_if_its_form_opens_slowly(page, workspace, live):
+    look(page, live + at(RESOLUTION, "mer2/hillshade"))
+    page.locator('[data-tab="notes"]').click()
+    sign_in(page, workspace, Role.ANALYST)
+    page.evaluate(SLOW_FORM)
+    page.locator('[data-shape="point"]').click()
+    page.mouse.click(*pixel_of(page, 6.0, -4.0, RESOLUTION))
+    page.wait_for_timeout(300)  # a click is reported 250 ms later: it may be a double-click
+    assert page.locator("dialog textarea").is_visible()
+    assert page.locator("#panel-notes").is_visible()
+
+
 def test_an_annotation_is_kept_while_the_server_is_away(page, workspace, live):
     look(page, live + at(RESOLUTION, "mer2/hillshade"))
     page.locator('[data-tab="notes"]').click()

@@ -3,7 +3,6 @@
 import { defaults as defaultControls } from "ol/control/defaults";
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
-import DoubleClickZoom from "ol/interaction/DoubleClickZoom";
 import { defaults as defaultInteractions } from "ol/interaction/defaults";
 import BaseVectorLayer from "ol/layer/BaseVector";
 import OlVectorLayer from "ol/layer/Vector";
@@ -55,8 +54,6 @@ export class MapView {
   private readonly picked = overlay(drawMeasure, 1002);
   private highlighted: readonly Feature<Geometry>[] = [];
   private claims = 0;
-  /** Zooms in on a double-click, unless a tool that claims the clicks ends a drawing by it. */
-  private readonly doubleClick = new DoubleClickZoom({ duration: 250 });
 
   constructor(
     target: HTMLElement,
@@ -72,7 +69,7 @@ export class MapView {
       maxTilesLoading: TILES_ON_THEIR_WAY,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
       // The map fills the page: the wheel needs no click first.
-      interactions: defaultInteractions({ doubleClickZoom: false }).extend([this.doubleClick]),
+      interactions: defaultInteractions(),
       layers: [this.highlight, this.mark, this.picked, this.cursor].map(({ layer }) => layer),
       view: new View({
         projection: local.projection,
@@ -232,20 +229,18 @@ export class MapView {
     put(this.cursor.source, point);
   }
 
-  /** Whether a tool claims the clicks. */
+  /** Whether a tool claims the pointer. */
   get isClaimed(): boolean {
     return this.claims > 0;
   }
 
-  /** Withholds clicks and hovered features from all parts, until the returned function is called. */
-  claimClicks(): () => void {
+  /** Withholds hovered features from all parts, until the returned function is called. */
+  claimPointer(): () => void {
     this.claims += 1;
-    this.doubleClick.setActive(false);
     let isActive = true;
     return () => {
       if (isActive) this.claims -= 1;
       isActive = false;
-      this.doubleClick.setActive(!this.isClaimed);
     };
   }
 
@@ -254,9 +249,7 @@ export class MapView {
   }
 
   onClick(listener: (event: MapBrowserEvent, point: MapPoint) => void): void {
-    this.map.on("singleclick", (event) => {
-      if (!this.isClaimed) listener(event, pointOf(event));
-    });
+    this.map.on("singleclick", (event) => listener(event, pointOf(event)));
   }
 
   dispose(): void {

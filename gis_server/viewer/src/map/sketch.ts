@@ -1,6 +1,6 @@
 /**
- * Drawing on the map with the pointer: places, a line, an area or a box. Clicks made while drawing are not passed to
- * other parts. Double-click or Enter ends a line or area, Backspace removes the last corner. With the
+ * Drawing on the map with the pointer: places, a line, an area or a box. The map reports no clicks made while
+ * drawing. Double-click or Enter ends a line or area, Backspace removes the last corner. With the
  * keyboard, arrows move the map and Space sets a corner in its middle.
  */
 
@@ -27,11 +27,6 @@ export interface SketchListener {
 
 const TYPES = { point: "Point", line: "LineString", area: "Polygon", box: "Circle" } as const;
 const Z_INDEX = 1004;
-/**
- * The map waits this long to distinguish a click from a double-click: the last click of a drawing must not count as
- * one.
- */
-const CLICK_MS = 300;
 
 const place = ([east = 0, north = 0]: readonly number[]): MapPoint => [east, north];
 
@@ -78,6 +73,7 @@ export class Sketch {
       source: this.source,
       type: TYPES[shape],
       style: drawMeasure,
+      stopClick: true,
       ...box,
       ...(most ? { maxPoints: most } : {}),
     });
@@ -98,7 +94,7 @@ export class Sketch {
     });
     view.map.addLayer(this.layer);
     view.map.addInteraction(this.draw);
-    this.release = view.claimClicks();
+    this.release = view.claimPointer();
     const pressed = (event: KeyboardEvent) => {
       if (!isForMap(event)) return;
       if (event.key === " ") {
@@ -140,6 +136,6 @@ export class Sketch {
     this.lifetime.abort();
     this.view.map.removeInteraction(this.draw);
     this.view.map.removeLayer(this.layer);
-    setTimeout(this.release, CLICK_MS);
+    this.release();
   }
 }

@@ -33,7 +33,7 @@ export interface Pointed {
 export interface Events {
   /** The pointer moved over the map; null: it left. */
   readonly pointer: Signal<Pointed | null>;
-  /** The map was clicked, while no tool claims clicks. */
+  /** The map was clicked, not to draw on it. */
   readonly click: Signal<Pointed>;
   /** A place to mark on the map, in profiles, images and the 3D view alike; null: none. */
   readonly cursor: Signal<MapPoint | null>;
