@@ -234,12 +234,13 @@ def match_wide_baseline(
     against = reason_against(left, right, params.limits)
     if against:
         raise MatchingError(f"{left.pair_id} and {right.pair_id} are not a wide pair: {against}")
-    warped = _PredictedPair.of(left, right, params)
+    smooth = _SmoothParallax.of(left.parallax, SMOOTHING_PX)
+    warped = _PredictedPair.of(left, right, smooth, params)
     measured = before = warped.measure()
     found = relative_orientation(measured, params.orientation)
     for _ in range(ROUNDS):
         right = replace(right, camera=found.apply(right.camera, warped.images.geometry))
-        warped = _PredictedPair.of(left, right, params)
+        warped = _PredictedPair.of(left, right, smooth, params)
         measured = warped.measure()
         found = relative_orientation(measured, params.orientation, found)
     geometry = warped.images.geometry
@@ -255,6 +256,23 @@ def match_wide_baseline(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _SmoothParallax:
+    """Parallax of a rig averaged over its surroundings, and where enough of it is known."""
+
+    values: ParallaxMap
+    known: Mask
+
+    @classmethod
+    def of(cls, parallax: ParallaxMap, sigma_px: float) -> _SmoothParallax:
+        known = np.isfinite(parallax)
+        total = cv2.GaussianBlur(np.where(known, parallax, np.float32(0)), (0, 0), sigma_px)
+        weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_px)
+        enough = weight > 0.1  # noqa: PLR2004 - a corner of the window
+        mean = np.where(enough, total / np.maximum(weight, np.float32(1e-3)), np.float32(0))
+        return cls(mean, enough)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _PredictedPair:
     """Epipolar images of a wide pair with the parallax predicted from the rig."""
 
@@ -267,12 +285,16 @@ class _PredictedPair:
 
     @classmethod
     def of(
-        cls, left: WideBaselineImage, right: WideBaselineImage, params: WideParams
+        cls,
+        left: WideBaselineImage,
+        right: WideBaselineImage,
+        smooth: _SmoothParallax,
+        params: WideParams,
     ) -> _PredictedPair:
         frame = Frame(FrameKind.PAIR, (*left.lsl_from_rig.source.index, -1))
         geometry = epipolar_pair(left.camera, right.camera, left.size, right.size, LSL, frame)
-        predicted, known = predict_parallax(left, geometry, SMOOTHING_PX)
-        far = known & (predicted <= geometry.focal_px / params.nearest_bases)
+        predicted, seen = predict_parallax(left, smooth, geometry)
+        far = seen & (predicted <= geometry.focal_px / params.nearest_bases)
         rows = _rows_with(far)
         geometry = _cut(geometry, rows)
         grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
@@ -316,33 +338,34 @@ def _cut(geometry: EpipolarPair, rows: slice) -> EpipolarPair:
 
 
 def predict_parallax(
-    eye: WideBaselineImage, geometry: EpipolarPair, smoothing_px: float
+    eye: WideBaselineImage, smooth: _SmoothParallax, geometry: EpipolarPair
 ) -> tuple[ParallaxMap, Mask]:
     """Parallax of the wide pair predicted from that of the left rig, and where it is known."""
-    smooth, known = _smooth(eye.parallax, smoothing_px)
     rotation = eye.lsl_from_rig.rotation.T @ geometry.rover_from_pair.rotation
-    r = rotation.astype(np.float32)
-    line, sample = np.indices((geometry.lines, geometry.samples), dtype=np.float32)
-    x = (sample - np.float32(geometry.centre_px[0])) / np.float32(geometry.focal_px)
-    y = (line - np.float32(geometry.centre_px[1])) / np.float32(geometry.focal_px)
-    X, Y, Z = (r[i, 0] * x + r[i, 1] * y + r[i, 2] for i in range(3))
-    Z = np.maximum(Z, np.float32(1e-3))
-    f = np.float32(eye.rig.focal_px)
-    u, v = eye.rig.centre_px[0] + f * X / Z, eye.rig.centre_px[1] + f * Y / Z
-    at = (u.astype(np.float32), v.astype(np.float32))
-    parallax = cv2.remap(smooth, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    seen = cv2.remap(known.astype(np.uint8), *at, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
+    rays = rotation @ np.linalg.inv(_calibration(geometry))
+    to_rig = _calibration(eye.rig) @ rays
+    size, inverse = (geometry.samples, geometry.lines), cv2.WARP_INVERSE_MAP
+    parallax = cv2.warpPerspective(
+        smooth.values,
+        to_rig,
+        size,
+        flags=cv2.INTER_LINEAR | inverse,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    seen = cv2.warpPerspective(
+        smooth.known.astype(np.uint8), to_rig, size, flags=cv2.INTER_NEAREST | inverse
+    )
+    sample, line = (np.arange(n, dtype=np.float32) for n in size)
+    across, down, constant = rays[2].astype(np.float32)
+    depth = across * sample + (down * line + constant)[:, None]
     ratio = geometry.focal_px * geometry.base_m / (eye.rig.focal_px * eye.rig.base_m)
-    return (parallax * np.float32(ratio) * Z).astype(np.float32), seen > 0
+    return parallax * (np.float32(ratio) * depth), (seen > 0) & (depth > 0)
 
 
-def _smooth(parallax: ParallaxMap, sigma_px: float) -> tuple[ParallaxMap, Mask]:
-    """Parallax averaged over its surroundings, and where enough of it is known."""
-    known = np.isfinite(parallax)
-    total = cv2.GaussianBlur(np.where(known, parallax, np.float32(0)), (0, 0), sigma_px)
-    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_px)
-    enough = weight > 0.1  # noqa: PLR2004 - a corner of the window
-    return np.where(enough, total / np.maximum(weight, np.float32(1e-3)), np.float32(0)), enough
+def _calibration(geometry: EpipolarPair) -> np.ndarray:
+    """Homogeneous image points of rays."""
+    (across, down), f = geometry.centre_px, geometry.focal_px
+    return np.array([[f, 0.0, across], [0.0, f, down], [0.0, 0.0, 1.0]])
 
 
 def search_area(images: EpipolarImages, reach_px: int) -> VerticalParallax:
