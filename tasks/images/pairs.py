@@ -30,7 +30,9 @@ from solmap.products.store.product_store import ProductStore
 CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
 """Instruments in the order that numbers a pair's frame."""
 PAIRS_KEPT = 20
-"""Pairs that a process keeps the images of, 10 MB each: those of two stops that are linked."""
+"""Pairs of which a process keeps what it computed: those of two stops."""
+IMAGES_KEPT = 30
+"""Pairs of which a process keeps the images, 10 MB each: a new stop and two linked to it."""
 Turn = tuple[float, float, float]
 """A rotation vector in the rover frame, radians."""
 
@@ -129,7 +131,7 @@ def resample_pair(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> 
     )
 
 
-@lru_cache(maxsize=PAIRS_KEPT)
+@lru_cache(maxsize=IMAGES_KEPT)
 def read_epipolar(
     pair: PairFiles, turn: Turn | None, store: ProductStore
 ) -> tuple[RoverImage, EpipolarImages]:

@@ -23,16 +23,13 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
 from solmap.photogrammetry.arrays import ParallaxMap
 from solmap.photogrammetry.frames import LSL, Frame, Pose
-from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.height_bias import NO_BIAS, HeightBias
 from solmap.photogrammetry.matching.records import SharedSigma
-from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
 from solmap.photogrammetry.terrain.dtm.rover_body import mask_rover
 from solmap.photogrammetry.threads import in_threads
-from solmap.products.catalogue.images import read_product_image
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.documents.archives import read_dense, read_matches
+from solmap.products.formats.documents.archives import read_dense, read_matches, read_right_turn
 from solmap.products.formats.documents.network import (
     References,
     read_network,
@@ -42,7 +39,7 @@ from solmap.products.formats.documents.network import (
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.pairs import PAIRS_KEPT, PairProducts
+from solmap.tasks.images.pairs import PAIRS_KEPT, PairProducts, read_epipolar
 from solmap.tasks.scopes import is_of_mission, sol_of
 from solmap.tasks.stage import stage
 
@@ -134,21 +131,20 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
 def _read_in_place(products: PairProducts, store: ProductStore) -> tuple[TerrainView, ParallaxMap]:
     """The view of a pair at the origin, and the sigmas of its parallax; read-only.
 
-    Only the left image is resampled: the right one is represented by the parallax.
+    Only the left image is used: the right one is represented by the parallax.
     """
-    files = products.files
-    geometry, _ = read_matches(store.path(products.matches))
-    left = read_product_image(files.left, store)
+    files, path = products.files, store.path(products.matches)
+    geometry, _ = read_matches(path)
+    images = read_epipolar(files, read_right_turn(path), store)[1]
     dense = read_dense(store.path(products.parallax))
-    image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
     view = TerrainView(
         pair_id=files.id,
         instrument=files.instrument,
         lsl_from_pair=Pose.identity(LSL, geometry.rover_from_pair.source),
         geometry=geometry,
         parallax=dense.parallax_px,
-        image=image,
-        mask=mask,
+        image=images.left,
+        mask=images.left_mask,
     )
     view = mask_rover(view, files.stop.mission)
     for array in (view.parallax, view.image, view.mask, dense.sigma_px):
