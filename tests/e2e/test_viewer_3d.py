@@ -22,6 +22,7 @@ from tests.support.browsing import (
     look,
     pixel_of,
     ready,
+    resize,
     screenshot,
     until,
 )
@@ -138,8 +139,7 @@ def test_the_ground_has_its_true_position_and_its_photograph(scene):
 
 def test_the_controls_leave_the_view_its_room_and_cut_nothing_off(scene):
     for width, height in ((1440, 900), (1280, 800), (390, 844)):
-        scene.set_viewport_size({"width": width, "height": height})
-        scene.wait_for_timeout(300)
+        resize(scene, width, height)
         pane = scene.locator(".panes .dock-body").bounding_box()
         assert canvas(scene)[3] > 0.75 * pane["height"]
         assert scene.evaluate(CUT_OFF) == []

@@ -8,7 +8,17 @@ from pathlib import Path
 import pytest
 
 from solmap.products.catalogue.workspace import Workspace
-from tests.support.browsing import ROOT, Server, at, keep_screenshot, look, open_page, ready, until
+from tests.support.browsing import (
+    ROOT,
+    Server,
+    at,
+    keep_screenshot,
+    look,
+    open_page,
+    ready,
+    resize,
+    until,
+)
 from tests.support.scene_store import fill_scene
 
 AXE = ROOT / "gis_server" / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
@@ -62,7 +72,7 @@ def issues_of(page, name: str) -> list[str]:
 )
 def test_no_tab_has_an_accessibility_issue(themed, width):
     issues = issues_of(themed, "first")
-    themed.set_viewport_size({"width": width, "height": 800})
+    resize(themed, width, 800)
     for tab in themed.locator("[data-tab]").all():
         tab.click()
         ready(themed)

@@ -14,7 +14,7 @@ from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind
-from tests.support.browsing import Server, keep_screenshot, look, ready, screenshot, until
+from tests.support.browsing import Server, keep_screenshot, look, ready, resize, screenshot, until
 
 Point = tuple[float, float]
 
@@ -95,8 +95,7 @@ def plan_a_tie(page, url: str, mission: str) -> None:
     click_pixel(page, "first", pixel, size)
     page.wait_for_selector('[data-pane="second"][data-predicted]')
     ready(page)
-    page.set_viewport_size({"width": 1280, "height": 760})  # 40 lower: the middle stays one
-    page.wait_for_timeout(200)  # the image is drawn in the next frame
+    resize(page, 1280, 760)  # 40 lower: the middle stays one
     box = pane(page, "second").locator("canvas").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
@@ -120,7 +119,7 @@ def test_a_pick_is_predicted_measured_previewed_saved_and_undone(page, own):
     assert page.locator("[data-planned]").get_attribute("data-status") == "used"
     keep_screenshot(page, "editor-tried")
     for width in (390, 768, 1280, 1920):
-        page.set_viewport_size({"width": width, "height": 800})
+        resize(page, width, 800)
         table, beside = (
             page.locator(f".editor-lists > :nth-child({k})").bounding_box() for k in (1, 2)
         )
@@ -128,7 +127,7 @@ def test_a_pick_is_predicted_measured_previewed_saved_and_undone(page, own):
         assert all(row["x"] + row["width"] <= table["x"] + table["width"] + 1 for row in rows)
         is_apart = table["x"] + table["width"] <= beside["x"]
         assert is_apart or table["y"] + table["height"] <= beside["y"], width
-    page.set_viewport_size({"width": 1280, "height": 760})
+    resize(page, 1280, 760)
 
     assert page.locator('[data-act="save"]').is_disabled()
     page.keyboard.press("Escape")

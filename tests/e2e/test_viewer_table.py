@@ -10,7 +10,16 @@ from collections.abc import Iterator
 import pytest
 
 from tests.support.bowl_store import STOPS, UNPAIRED
-from tests.support.browsing import Server, at, keep_screenshot, look, open_page, pixel_of, until
+from tests.support.browsing import (
+    Server,
+    at,
+    keep_screenshot,
+    look,
+    open_page,
+    pixel_of,
+    resize,
+    until,
+)
 from tests.support.large_mission import write_mission
 
 IMAGE_COLUMNS = 11
@@ -152,7 +161,7 @@ def test_the_table_fits_a_phone(browser, url):
         keep_screenshot(page, "table-narrow")
         headings = page.get_by_role("columnheader")
         for width in (390, 1280):
-            page.set_viewport_size({"width": width, "height": 844})
+            resize(page, width, 844)
             until(page, lambda: sideways(page) == 0)
             page.get_by_role("button", name="all columns").click()
             assert (headings.count(), sideways(page) > 0) == (IMAGE_COLUMNS, True)

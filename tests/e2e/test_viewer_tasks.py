@@ -17,7 +17,17 @@ from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from tests.e2e.test_viewer_editor import click_pixel, pane, shared_pixel, size_of
 from tests.support.bowl_store import STOPS, azimuth_of
-from tests.support.browsing import ROOT, Server, at, keep_screenshot, look, pixel_of, ready, until
+from tests.support.browsing import (
+    ROOT,
+    Server,
+    at,
+    keep_screenshot,
+    look,
+    pixel_of,
+    ready,
+    resize,
+    until,
+)
 from tests.support.scene_store import fill_scene
 
 RESOLUTION = 0.1
@@ -286,8 +296,7 @@ def test_add_a_tie_and_preview_the_adjustment(hand, true_images, tmp_path):
         hand.pick("first", shared_pixel(server.url, mission, image, stop, size))
         page.wait_for_selector('[data-pane="second"][data-predicted]')
         ready(page)
-        page.set_viewport_size({"width": 1280, "height": 760})
-        page.wait_for_timeout(200)  # the image is drawn in the next frame
+        resize(page, 1280, 760)
         hand.pick_middle("second")
         until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
         hand.click(page.locator('[data-act="plan"]'))

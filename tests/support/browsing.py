@@ -75,6 +75,13 @@ OPEN = """(address) => {
 }"""
 """Open a link as after a choice of mission, by which the viewer disposes of all that it shows."""
 
+DRAWN = """async (width) => {
+  const frame = () => new Promise(requestAnimationFrame);
+  while (innerWidth !== width) await frame();
+  for (let frames = 0; frames < 3; frames += 1) await frame();
+}"""
+"""Wait for three frames of a page of a width: observers of sizes act in the first."""
+
 
 class Server:
     """The real server on a free port, in a thread."""
@@ -226,6 +233,12 @@ def load(page, address: str) -> None:
     page.goto("about:blank")
     page.goto(address)
     ready(page)
+
+
+def resize(page, width: int, height: int) -> None:
+    """Give the page another size, and wait until its parts have followed and are drawn."""
+    page.set_viewport_size({"width": width, "height": height})
+    page.evaluate(DRAWN, width)
 
 
 def ready(page) -> None:
