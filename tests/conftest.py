@@ -139,35 +139,36 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     another would leave the address and password of that one to all tests after it.
     """
     from solmap.flows.runtime.engine import (  # noqa: PLC0415 - before Prefect is imported
-        RUN_ONLY,
-        make_database,
+        address,
+        await_engine,
+        engine_child,
+        free_port,
         password_file,
         prepare_engine,
     )
 
-    folder = tmp_path_factory.mktemp("engine")
+    folder, port = tmp_path_factory.mktemp("engine"), free_port()
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv("PREFECT_HOME", str(folder / "prefect"))
         prepare_engine(folder)
-        password = password_file(folder).read_text()
-        names = ("PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING")
-        for name in names:
-            environment.setenv(name, password)
+        server = engine_child(folder, port, has_pages=False)
+        server.start()
+        reached_by = {
+            "PREFECT_API_URL": f"{address(port)}/api",
+            "PREFECT_API_AUTH_STRING": password_file(folder).read_text(),
+        }
+        for name, value in reached_by.items():
+            environment.setenv(name, value)
         from prefect import settings  # noqa: PLC0415
-        from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
+        from prefect.logging.handlers import APILogHandler  # noqa: PLC0415
 
-        database = tmp_path_factory.mktemp("engine-database")
-        make_database(database / "prefect-test.db")
-        environment.setattr("prefect.testing.utilities.mkdtemp", lambda: str(database))
-        with contextlib.ExitStack() as until_the_end:
-            secrets = {getattr(settings, name): password for name in names}
-            until_the_end.enter_context(settings.temporary_settings(secrets))
-            with pytest.MonkeyPatch.context() as of_server:
-                for name, value in RUN_ONLY.items():
-                    of_server.setenv(name, value)
-                until_the_end.enter_context(prefect_test_harness(server_startup_timeout=300))
-            environment.setenv("PREFECT_API_URL", settings.PREFECT_API_URL.value())
+        await_engine(server, port)
+        with settings.temporary_settings(
+            {getattr(settings, name): value for name, value in reached_by.items()}
+        ):
             yield
+        APILogHandler().flush()  # of all loggers
+        server.stop()
 
 
 @pytest.fixture(scope="session")
