@@ -257,7 +257,7 @@ def match_wide_baseline(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SmoothParallax:
-    """Parallax of a rig averaged over its surroundings, and where enough of it is known."""
+    """Parallax of a rig averaged over its surroundings, pixels, and where enough of it is known."""
 
     values: ParallaxMap
     known: Mask
@@ -293,7 +293,7 @@ class _PredictedPair:
     ) -> _PredictedPair:
         frame = Frame(FrameKind.PAIR, (*left.lsl_from_rig.source.index, -1))
         geometry = epipolar_pair(left.camera, right.camera, left.size, right.size, LSL, frame)
-        predicted, seen = predict_parallax(left, smooth, geometry)
+        predicted, seen = _predict_parallax(left, smooth, geometry)
         far = seen & (predicted <= geometry.focal_px / params.nearest_bases)
         rows = _rows_with(far)
         geometry = _cut(geometry, rows)
@@ -337,10 +337,13 @@ def _cut(geometry: EpipolarPair, rows: slice) -> EpipolarPair:
     return replace(geometry, centre_px=(across, down - rows.start), lines=lines)
 
 
-def predict_parallax(
+def _predict_parallax(
     eye: WideBaselineImage, smooth: _SmoothParallax, geometry: EpipolarPair
 ) -> tuple[ParallaxMap, Mask]:
-    """Parallax of the wide pair predicted from that of the left rig, and where it is known."""
+    """Parallax of the wide pair predicted from that of the left rig, pixels, and where it is known.
+
+    The rays of both ideal cameras are related by a rotation, their image points by a homography.
+    """
     rotation = eye.lsl_from_rig.rotation.T @ geometry.rover_from_pair.rotation
     rays = rotation @ np.linalg.inv(_calibration(geometry))
     to_rig = _calibration(eye.rig) @ rays
@@ -363,7 +366,7 @@ def predict_parallax(
 
 
 def _calibration(geometry: EpipolarPair) -> np.ndarray:
-    """Homogeneous image points of rays."""
+    """K: the homogeneous image point of a ray (x, y, 1) is K (x, y, 1), in pixels."""
     (across, down), f = geometry.centre_px, geometry.focal_px
     return np.array([[f, 0.0, across], [0.0, f, down], [0.0, 0.0, 1.0]])
 
