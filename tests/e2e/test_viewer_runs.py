@@ -185,6 +185,23 @@ def test_a_refusal_is_shown_in_the_dialog_and_the_engine_is_listed(page, workspa
     until(page, lambda: "the engine is down: it was stopped" in trouble.inner_text())
 
 
+def test_a_button_is_clicked_although_its_run_changes_meanwhile(page, workspace, live):
+    write_engine(workspace)
+    run = Run.start("downlink", "inbox", "f-1")
+    RunRecords(workspace.catalogue.engine).write(run)
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    sign_in(page, workspace, Role.OPERATOR)
+    page.locator(f'[data-run="{run.id}"] [data-action="cancel"]').hover()
+    page.mouse.down()
+    write_engine(workspace, is_up=False, trouble="it was stopped")
+    engine = page.locator('.status [data-part="engine"]')
+    until(page, lambda: engine.inner_text() == "Engine down")
+    page.mouse.up()
+    page.locator("[data-confirm]").wait_for()
+    until(page, lambda: "it was stopped" in page.locator("#panel-runs").inner_text())
+
+
 def test_failed_requests_are_repeated_without_a_reload(page, live):
     page.route("**/api/runs?*", lambda route: route.abort())
     page.route("**/api/runs", lambda route: route.abort())

@@ -94,13 +94,23 @@ export function runsPart(context: Context): void {
       dialog(name, confirmation(["The run never begins."], [], "Cancel the run", act));
     },
   };
+  const press = { isOn: false, isDrawingDue: false };
   const draw = () => {
+    status(engine);
+    press.isDrawingDue = press.isOn; // a button that is replaced while it is pressed is not clicked
+    if (press.isOn) return;
     const mayRequest = engine?.is_known !== false && mayAct(account.value, "operator");
     const actions = { open, openReport, start, have };
     panel.replaceChildren(runsPanel(known, kinds, mayRequest, actions, engine));
     if (engine?.is_known) panel.append(enginePanel(engine, mayRequest, engineActions));
-    status(engine);
   };
+  panel.addEventListener("pointerdown", () => (press.isOn = true));
+  const released = () => {
+    press.isOn = false;
+    if (press.isDrawingDue) setTimeout(draw); // after the click
+  };
+  for (const kind of ["pointerup", "pointercancel"])
+    window.addEventListener(kind, released, { signal: context.signal });
   const load = async () => {
     [known, engine] = await Promise.all([runs.all(), runs.engine()]);
     if (kinds.length === 0) kinds = await runs.kinds();
