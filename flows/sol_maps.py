@@ -36,14 +36,20 @@ from solmap.tasks.maps.models import make_points, map_dips, model_terrain, model
 from solmap.tasks.maps.orthophoto import colour_frames, render_colour, render_orthophoto
 from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
 from solmap.tasks.maps.suitability import highest_camera, map_hazards, map_insolation, map_viewshed
-from solmap.tasks.maps.terrain import build_dtm, map_relief, shade_relief, trace_contours
+from solmap.tasks.maps.terrain import (
+    build_dtm,
+    map_relief,
+    preview_terrain,
+    shade_relief,
+    trace_contours,
+)
 from solmap.tasks.network.orientations import (
     OrientedPair,
     Standing,
     orient_pairs,
     read_orientations,
 )
-from solmap.tasks.network.previews import preview_pair, preview_terrain
+from solmap.tasks.network.previews import preview_pair
 
 Matched = Mapping[StopId, list[PairProducts]]
 Key = tuple[Any, str]

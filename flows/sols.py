@@ -49,7 +49,7 @@ from solmap.products.model import (
     mission_of,
 )
 from solmap.products.store.process import return_free_memory
-from solmap.tasks.images.pairs import read_epipolar
+from solmap.tasks.images.pairs import clear_images
 from solmap.tasks.mission.localisation import traverse_products
 from solmap.tasks.mission.publish import withdraw
 from solmap.tasks.network.orientations import Standing
@@ -213,7 +213,7 @@ class MapSols:
             self._take(step, reusable, later)
             if earlier and self._has_left(earlier) and not self._is_mapped(step):
                 self._take(earlier, reusable, None)
-        read_epipolar.cache_clear()  # 10 MB a pair: links of a later sol would need them
+        clear_images()  # links of a later sol would need them
         return_free_memory()
         return len(self._reports) == len(steps)
 

@@ -7,7 +7,7 @@ a transposed array fails at the function that received it. NaN means "not measur
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8, UInt16
 
 Vector3: TypeAlias = Float64[np.ndarray, " 3"]
 """One vector, in metres or without unit, in the frame in its name."""
@@ -79,5 +79,6 @@ __all__ = [
     "Raster",
     "Rotation",
     "UInt8",
+    "UInt16",
     "Vector3",
 ]

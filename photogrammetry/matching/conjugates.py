@@ -22,6 +22,7 @@ of the smoothing and pixel-locking of the dense matcher.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -146,23 +147,21 @@ class Conjugates:
     """A cell's standard deviation, along each axis of the common grid, in pixels of the target."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TieView:
     """A matched pair with precomputed data for finding ties."""
 
     pair: MatchedPair
-    left: View
-    right: View
 
-    @classmethod
-    def of(cls, pair: MatchedPair) -> TieView:
-        """Precompute the data of a pair."""
-        images = pair.images
-        return cls(
-            pair,
-            View.of(images.left, images.left_mask),
-            View.of(images.right, images.right_mask),
-        )
+    @cached_property
+    def left(self) -> View:
+        """The left image."""
+        return View.of(self.pair.images.left, self.pair.images.left_mask)
+
+    @cached_property
+    def right(self) -> View:
+        """The right image, needed only where a tie was found in the left one."""
+        return View.of(self.pair.images.right, self.pair.images.right_mask)
 
     @property
     def geometry(self) -> EpipolarPair:

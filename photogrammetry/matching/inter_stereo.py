@@ -122,7 +122,7 @@ class PairTies:
 
 def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
     """Tie every two pairs of a stop whose fields of view overlap."""
-    views = [TieView.of(pair) for pair in stop.pairs]
+    views = [TieView(pair) for pair in stop.pairs]
     pair_ids = tuple(pair.pair_id for pair in stop.pairs)
     measured, searched = [], {}
     for one, other in combinations(range(len(views)), 2):

@@ -26,7 +26,7 @@ from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.archives import (
-    read_dense,
+    StoredParallax,
     read_matches,
     read_right_turn,
 )
@@ -199,4 +199,4 @@ def _right_rotation(path: Path) -> tuple[float, float, float] | None:
 
 @lru_cache(maxsize=_CACHED_MATCHES)
 def _dense(path: Path) -> DenseMatches:
-    return read_dense(path)
+    return StoredParallax.read(path).dense()

@@ -24,8 +24,8 @@ from solmap.photogrammetry.matching.records import Ties
 from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import (
+    StoredParallax,
     read_matches,
-    read_parallax,
     read_right_turn,
 )
 from solmap.products.formats.documents.edit_requests import parse_edit_requests
@@ -122,5 +122,5 @@ def _body(pair: PairProducts, store: ProductStore) -> ManualImage:
     geometry: EpipolarPair = read_matches(path)[0]
     left, right = read_pair(pair.files, store)
     turned = turn_right_camera(right, read_right_turn(path))
-    parallax = read_parallax(store.path(pair.parallax))
-    return ManualImage(pair.files.id, geometry, left.image.camera, turned.image.camera, parallax)
+    parallax_px = StoredParallax.read(store.path(pair.parallax)).parallax_px()
+    return ManualImage(pair.files.id, geometry, left.image.camera, turned.image.camera, parallax_px)

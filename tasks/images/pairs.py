@@ -20,8 +20,8 @@ from solmap.photogrammetry.matching.stereo.orientation import turn_in_place
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
 from solmap.products.formats.documents.archives import (
+    StoredParallax,
     read_matches,
-    read_parallax,
     read_right_turn,
 )
 from solmap.products.model import ProductRef
@@ -33,6 +33,8 @@ PAIRS_KEPT = 20
 """Pairs of which a process keeps what it computed: those of two stops."""
 IMAGES_KEPT = 30
 """Pairs of which a process keeps the images, 10 MB each: a new stop and two linked to it."""
+PARALLAXES_KEPT = 40
+"""Pairs of which a process keeps the parallax, 3 MB each: those of three stops with Pancam."""
 Turn = tuple[float, float, float]
 """A rotation vector in the rover frame, radians."""
 
@@ -150,6 +152,18 @@ def read_epipolar(
     return left.image, images
 
 
+@lru_cache(maxsize=PARALLAXES_KEPT)
+def stored_parallax(parallax: ProductRef, store: ProductStore) -> StoredParallax:
+    """The dense parallax of a pair, kept as it is stored."""
+    return StoredParallax.read(store.path(parallax))
+
+
+def clear_images() -> None:
+    """Free the memory of the images and parallaxes that are kept."""
+    read_epipolar.cache_clear()
+    stored_parallax.cache_clear()
+
+
 def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
     """A pair with its epipolar images and all its matches."""
     path = store.path(pair.matches)
@@ -159,7 +173,7 @@ def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
         instrument=pair.files.instrument,
         images=images,
         matches=read_matches(path)[1],
-        parallax=read_parallax(store.path(pair.parallax)),
+        parallax=stored_parallax(pair.parallax, store).parallax_px(),
         sun=left.sun,
     )
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from threading import Condition
 
 import numpy as np
+from cachetools import LRUCache, cached
 
 from solmap.photogrammetry.arrays import Int32
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
@@ -42,7 +43,7 @@ class KeptDtm:
         return self.model.part(rows, cols)
 
 
-@lru_cache(maxsize=MODELS_KEPT)
+@cached(LRUCache(MODELS_KEPT), condition=Condition())  # two stages that start at once read it once
 def _read(dtm: ProductRef, store: ProductStore) -> KeptDtm:
     with open_dtm(store.path(dtm)) as stored:
         rows, cols = stored.grid.shape

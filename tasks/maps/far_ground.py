@@ -27,15 +27,15 @@ from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrai
 from solmap.products.catalogue.images import read_product_image
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.documents.archives import (
-    read_dense,
+    StoredParallax,
     read_matches,
-    read_parallax,
     write_dense,
     write_matches,
 )
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import stored_parallax
 from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of
 from solmap.tasks.scopes import pair_scope, stop_scope
@@ -142,7 +142,7 @@ def read_eye(pair: OrientedPair, store: ProductStore) -> WideBaselineImage:
         camera=left.image.camera.transform(lsl_from_pair @ geometry.rover_from_pair.inverse),
         rig=geometry,
         lsl_from_rig=lsl_from_pair,
-        parallax=read_parallax(store.path(pair.products.parallax)),
+        parallax=stored_parallax(pair.products.parallax, store).parallax_px(),
     )
 
 
@@ -152,7 +152,7 @@ def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
     left, _ = order_left_right(*(read_eye(eye, store) for eye in pair.eyes))
     of_left = next(eye for eye in pair.eyes if eye.products.files.id == left.pair_id)
     image, mask = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
-    dense = read_dense(store.path(pair.parallax))
+    dense = StoredParallax.read(store.path(pair.parallax)).dense()
     return TerrainView(
         pair_id=pair.id,
         instrument=pair.eyes[0].products.files.instrument,

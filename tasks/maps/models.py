@@ -128,7 +128,7 @@ def model_views(
     recipe = _recipe(ProductKind.VIEW_MODEL, stop, pairs, (params, landing))
 
     def write(path: Path) -> None:
-        meshes = view_meshes(read_views(pairs, store), params)
+        meshes = view_meshes(read_views(pairs, store, sigmas=False), params)
         middle = np.median(np.concatenate([one.mesh.points for one in meshes]), axis=0)
         east, north, up = (float(round(along)) for along in middle)
         notes = {"tolerance_px": params.tolerance_px, **notes_of(recipe, landing)}
@@ -155,7 +155,8 @@ def map_dips(
     """Map strike and dip of the planar facets seen by the pairs of a stop."""
 
     def write(path: Path) -> None:
-        facets = [facet for view in read_views(pairs, store) for facet in find_facets(view, params)]
+        views = read_views(pairs, store, sigmas=True)
+        facets = [facet for view in views for facet in find_facets(view, params)]
         write_features(path, [facet_feature(facet) for facet in facets], landing)
 
     return store.make(_recipe(ProductKind.DIPS, stop, pairs, (params, landing)), write)
@@ -212,7 +213,7 @@ def make_points(
 
     @cache
     def build_cloud() -> PointCloud:
-        return point_cloud(read_views(pairs, store), params)
+        return point_cloud(read_views(pairs, store, sigmas=True), params)
 
     def write_file(path: Path) -> None:
         cloud = build_cloud()

@@ -69,7 +69,8 @@ def render_orthophoto(
 
     @cache
     def prepare() -> tuple[OrthophotoRendering, Classes]:
-        made = prepare_orthophoto(read_stop_dtm(dtm, store), read_views(pairs, store), params)
+        views = read_views(pairs, store, sigmas=False)
+        made = prepare_orthophoto(read_stop_dtm(dtm, store), views, params)
         return made, np.zeros(made.source_grid.shape, np.uint8)
 
     def write_orthophoto(path: Path) -> None:
@@ -194,7 +195,7 @@ def render_colour(
 
 def _read(frame: ColourFrame, store: ProductStore) -> tuple[TerrainView, list[GreyImage]]:
     """The pair's view, usable where all three bands are, and the bands in its geometry."""
-    (view,) = read_views([frame.pair], store)
+    (view,) = read_views([frame.pair], store, sigmas=False)
     bands, mask = [], view.mask
     for camera, pixels, seen in _bands(frame, store):
         image, usable = resample(pixels, seen, camera, view.geometry, Eye.LEFT)

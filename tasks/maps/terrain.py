@@ -1,10 +1,13 @@
-"""The terrain model of a stop and its derivatives: contours, slope, aspect, hillshade."""
+"""The terrain model of a stop and its derivatives: contours, slope, aspect, hillshade, preview."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+
+import cv2
+import numpy as np
 
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.imagery import StopId
@@ -27,10 +30,12 @@ from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import write_dtm, write_parts
 from solmap.products.formats.vector.geojson import contour_feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.reports.terrain_figures import class_figure, relief_figure
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.maps.dtms import terrain_of
+from solmap.tasks.maps.dtms import read_stop_dtm, terrain_of
 from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
+from solmap.tasks.network.previews import write_preview
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
@@ -65,7 +70,7 @@ def build_dtm(
     )
 
     def write(path: Path) -> None:
-        made = model_terrain(read_views(pairs, store), params)
+        made = model_terrain(read_views(pairs, store, sigmas=True), params)
         write_dtm(path, made, local_crs(landing), tags=raster_tags(recipe, store))
 
     return store.make(recipe, write)
@@ -128,3 +133,15 @@ def shade_relief(
             write_parts(path, terrain.grid, {"hillshade": ""}, parts, crs, tags)
 
     return store.make(recipe, write)
+
+
+@stage(task_run_name="preview-{dtm.scope}")
+def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
+    """The relief of a terrain model, and the classes of its cells."""
+
+    def write(path: Path) -> None:
+        terrain = read_stop_dtm(dtm, store)
+        figures = (relief_figure(terrain, HillshadeParams()), class_figure(terrain))
+        write_preview(path, cv2.cvtColor(np.hstack(figures), cv2.COLOR_RGBA2BGRA))
+
+    return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)

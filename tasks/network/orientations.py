@@ -29,7 +29,7 @@ from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainVie
 from solmap.photogrammetry.terrain.dtm.rover_body import mask_rover
 from solmap.photogrammetry.threads import in_threads
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.formats.documents.archives import read_dense, read_matches, read_right_turn
+from solmap.products.formats.documents.archives import read_matches, read_right_turn
 from solmap.products.formats.documents.network import (
     References,
     read_network,
@@ -39,7 +39,12 @@ from solmap.products.formats.documents.network import (
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.pairs import PAIRS_KEPT, PairProducts, read_epipolar
+from solmap.tasks.images.pairs import (
+    PAIRS_KEPT,
+    PairProducts,
+    read_epipolar,
+    stored_parallax,
+)
 from solmap.tasks.scopes import is_of_mission, sol_of
 from solmap.tasks.stage import stage
 
@@ -104,52 +109,59 @@ def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
     return tuple(ref for pair in pairs for ref in pair.inputs)
 
 
-def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[TerrainView]:
-    """The views of some pairs."""
-    return in_threads(lambda pair: _read_view(pair, store), pairs)
+def read_views(
+    pairs: Iterable[OrientedPair], store: ProductStore, *, sigmas: bool
+) -> list[TerrainView]:
+    """The views of some pairs, with or without the standard deviation of every parallax."""
+    return in_threads(lambda pair: _read_view(pair, store, sigmas=sigmas), pairs)
 
 
 def clear_views() -> None:
-    """Free the memory of the views that are kept, 13 MB each."""
+    """Free the memory of the views that are kept, 5 MB each without their images."""
     _read_in_place.cache_clear()
 
 
-def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
-    view, sigma_px = _read_in_place(pair.products, store)
+def _read_view(pair: OrientedPair, store: ProductStore, *, sigmas: bool) -> TerrainView:
+    view = _read_in_place(pair.products, store)
     toe_in = SharedSigma(view.geometry.focal_px * pair.orientation.toe_in_sigma)
     return replace(
         view,
         lsl_from_pair=pair.orientation.lsl_from(view.geometry.rover_from_pair.source),
-        sigma_px=np.sqrt(sigma_px * sigma_px + np.float32(toe_in.offset_px**2)),
+        sigma_px=_sigma_px(pair.products, toe_in, store) if sigmas else None,
         shared=toe_in,
         covariance=pair.orientation.covariance_6x6,
         height_bias=pair.orientation.height_bias,
     )
 
 
+def _sigma_px(products: PairProducts, toe_in: SharedSigma, store: ProductStore) -> ParallaxMap:
+    """Standard deviation of the parallax of a pair, by matching and by the rig's toe-in."""
+    sigma_px = stored_parallax(products.parallax, store).sigma_px()
+    return np.sqrt(sigma_px * sigma_px + np.float32(toe_in.offset_px**2))
+
+
 @lru_cache(maxsize=PAIRS_KEPT)  # maps, models and points of a stop read the same
-def _read_in_place(products: PairProducts, store: ProductStore) -> tuple[TerrainView, ParallaxMap]:
-    """The view of a pair at the origin, and the sigmas of its parallax; read-only.
+def _read_in_place(products: PairProducts, store: ProductStore) -> TerrainView:
+    """The view of a pair at the origin; read only.
 
     Only the left image is used: the right one is represented by the parallax.
     """
     files, path = products.files, store.path(products.matches)
     geometry, _ = read_matches(path)
     images = read_epipolar(files, read_right_turn(path), store)[1]
-    dense = read_dense(store.path(products.parallax))
     view = TerrainView(
         pair_id=files.id,
         instrument=files.instrument,
         lsl_from_pair=Pose.identity(LSL, geometry.rover_from_pair.source),
         geometry=geometry,
-        parallax=dense.parallax_px,
+        parallax=stored_parallax(products.parallax, store).parallax_px(),
         image=images.left,
         mask=images.left_mask,
     )
     view = mask_rover(view, files.stop.mission)
-    for array in (view.parallax, view.image, view.mask, dense.sigma_px):
+    for array in (view.parallax, view.image, view.mask):
         array.setflags(write=False)
-    return view, dense.sigma_px
+    return view
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Previews: figures of matches, ties, links and terrain, for checking a stage.
+"""Previews: figures of matches, ties and links, for checking a stage.
 
 They are products like any other, below `quicklook/` in the store, but not layers of the map.
 """
@@ -21,10 +21,8 @@ from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
 from solmap.photogrammetry.matching.cross_site.links import SiteLink
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams
-from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.errors import ProductError
-from solmap.products.formats.documents.archives import read_dense, read_right_turn
-from solmap.products.formats.raster.raster import read_dtm
+from solmap.products.formats.documents.archives import read_matches, read_right_turn
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.reports.matching_figures import (
     FigureImage,
@@ -34,9 +32,8 @@ from solmap.products.reports.matching_figures import (
     draw_sheet,
     misfits,
 )
-from solmap.products.reports.terrain_figures import class_figure, relief_figure
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.pairs import PairProducts, read_matched_pair
+from solmap.tasks.images.pairs import PairProducts, read_epipolar, stored_parallax
 from solmap.tasks.network.match import find_candidates
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.stage import stage
@@ -60,11 +57,11 @@ def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
     """Matches of a pair: points, matches by residual, dense parallax, parallax curve."""
 
     def write(path: Path) -> None:
-        matched = read_matched_pair(pair, store)
         turn = read_right_turn(store.path(pair.matches))
+        images = read_epipolar(pair.files, turn, store)[1]
+        _, matches = read_matches(store.path(pair.matches))
         candidates = find_candidates(pair.files, turn, params, store)
-        dense = read_dense(store.path(pair.parallax))
-        images, matches = matched.images, matched.matches
+        dense = stored_parallax(pair.parallax, store).dense()
         scale = min(1.0, MAX_WIDTH / (2 * images.left.shape[1]))
         write_preview(
             path, draw_pair(images, candidates, matches, dense, params.verification, scale)
@@ -73,18 +70,6 @@ def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
     return store.make(
         Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), pair.made, params), write
     )
-
-
-@stage(task_run_name="preview-{dtm.scope}")
-def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
-    """The relief of a terrain model, and the classes of its cells."""
-
-    def write(path: Path) -> None:
-        terrain = read_dtm(store.path(dtm))
-        figures = (relief_figure(terrain, HillshadeParams()), class_figure(terrain))
-        write_preview(path, cv2.cvtColor(np.hstack(figures), cv2.COLOR_RGBA2BGRA))
-
-    return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)
 
 
 def write_ties_preview(path: Path, stop: MatchedStop, ties: Ties, params: AlignmentParams) -> None:

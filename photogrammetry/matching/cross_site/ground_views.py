@@ -305,7 +305,7 @@ class StopViews:
         seen, fine = draw_birds_eye(stop, params, (params.cell_m, params.surface_cell_m))
         surface = GroundSurface.of(fine)
         level = stop.lsl_from_rover.rotation
-        views = tuple(GroundView.of(TieView.of(pair), surface, level) for pair in stop.pairs)
+        views = tuple(GroundView.of(TieView(pair), surface, level) for pair in stop.pairs)
         return cls(stop, seen, views)
 
     def heights(self, params: SurfaceParams) -> HeightGrid:

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Bool, EightBits, GreyImage, Mask, ParallaxMap
+from solmap.photogrammetry.arrays import Bool, EightBits, Float32, GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.ranges import (
     FactorFromOne,
@@ -35,7 +35,6 @@ from solmap.photogrammetry.ranges import (
 )
 from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.ground import (
-    PixelPoints,
     SightParams,
     camera_on_map,
     continuous_ground,
@@ -85,7 +84,8 @@ class _PreparedView:
 
     view: TerrainView
     parallax: ParallaxMap
-    planes: PixelPoints
+    blocks: Float32[np.ndarray, "3 blocks_down blocks_across"]
+    """The points in the middle of the blocks, from the camera."""
     whole: Bool[np.ndarray, "squares_down squares_across"]
 
 
@@ -103,13 +103,13 @@ def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[T
             f"{params.max_relative_sigma:.1%} of its distance: check the matching, or allow a "
             "larger max_relative_sigma"
         )
-    samplers = [ViewSampler.of(one.view) for one in prepared]
+    samplers = [ViewSampler.of(one.view, bands=()) for one in prepared]
     black, white = _stretch(prepared)
     meshes = []
     for number, one in enumerate(prepared):
         whole = one.whole & ~_shown_better(number, one, samplers, params)
         if whole.any():
-            meshes.append(_mesh(one, whole, (black, white), params.tolerance_px))
+            meshes.append(_mesh(one, whole, (black, white), params))
     return meshes
 
 
@@ -117,7 +117,8 @@ def _prepare(view: TerrainView, params: ViewModelParams) -> _PreparedView:
     parallax = _fill_specks(trusted_parallax(view, params), params)
     planes = ground_points(view, parallax, params)
     squares = continuous_ground(planes, parallax, view, params)
-    return _PreparedView(view, parallax, planes, squares[:-1, :-1])
+    middles = slice(params.block_px // 2, None, params.block_px)
+    return _PreparedView(view, parallax, planes[:, middles, middles].copy(), squares[:-1, :-1])
 
 
 def _fill_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
@@ -139,8 +140,7 @@ def _shown_better(
     number: int, one: _PreparedView, samplers: Sequence[ViewSampler], params: ViewModelParams
 ) -> Bool[np.ndarray, "squares_down squares_across"]:
     """Squares whose block another view shows clearly better."""
-    step = params.block_px
-    from_here = np.nan_to_num(one.planes[:, step // 2 :: step, step // 2 :: step], nan=1.0)
+    from_here = np.nan_to_num(one.blocks, nan=1.0)
     distance = np.linalg.norm(from_here, axis=0)
     toward = (-from_here / np.maximum(distance, NEAREST_M)).astype(np.float32)
     worth = []
@@ -152,7 +152,7 @@ def _shown_better(
     better = np.max(worth, axis=0, initial=0.0) > params.yield_to * own
     rows, cols = one.whole.shape
     blocks = np.pad(better, 1, mode="edge")[1:, 1:]  # a last block may be less than half a block
-    return np.kron(blocks, np.ones((step, step), np.bool_))[:rows, :cols]
+    return np.kron(blocks, np.ones((params.block_px,) * 2, np.bool_))[:rows, :cols]
 
 
 def _stretch(prepared: Sequence[_PreparedView]) -> tuple[float, float]:
@@ -165,14 +165,15 @@ def _mesh(
     one: _PreparedView,
     whole: Bool[np.ndarray, "squares_down squares_across"],
     stretch: tuple[float, float],
-    tolerance_px: float,
+    params: ViewModelParams,
 ) -> TexturedMesh:
     """The view's squares as triangles, textured with the part of the image that shows them."""
-    grid_mesh = RightTriangles.of(one.parallax, whole).mesh(tolerance_px)
+    grid_mesh = RightTriangles.of(one.parallax, whole).mesh(params.tolerance_px)
     rows, cols = (slice(int(at.min()), int(at.max()) + 1) for at in (grid_mesh.row, grid_mesh.col))
     size = np.array([cols.stop - cols.start, rows.stop - rows.start])
     pixels = np.column_stack([grid_mesh.col - cols.start, grid_mesh.row - rows.start])
-    points = one.planes[:, grid_mesh.row, grid_mesh.col].T + camera_on_map(one.view.lsl_from_pair)
+    planes = ground_points(one.view, one.parallax, params)
+    points = planes[:, grid_mesh.row, grid_mesh.col].T + camera_on_map(one.view.lsl_from_pair)
     mesh = SurfaceMesh(
         points=points,
         normals=mean_normals(points, grid_mesh.triangles),

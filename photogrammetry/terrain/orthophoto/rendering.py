@@ -131,7 +131,7 @@ def prepare_orthophoto(
             of the orthophoto's.
     """
     ratio = _ratio(dtm, params)
-    chosen = bands or [()] * len(views)
+    chosen = bands or [(view.image,) for view in views]
     samplers = [ViewSampler.of(view, images) for view, images in zip(views, chosen, strict=True)]
     grid = MapGrid.covering(bounds_to_show(dtm, samplers), params.cell_m)
     taken = sample_brightness(dtm, samplers, params.cell_m)

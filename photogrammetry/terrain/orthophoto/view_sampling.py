@@ -68,14 +68,14 @@ class ViewSampler:
     sides: Float64[np.ndarray, "5 3"]
     """Outward normals (east, north, up) of the planes around the field of view."""
     bands: tuple[Pyramid, ...]
-    """The view's own image, or images through several filters instead."""
+    """The images to sample: the view's own, those through several filters, or none."""
     fade: Float32[np.ndarray, "coarse_lines coarse_samples"]
     nearest: GreyImage
     """Matched parallax, 0 where there is none."""
 
     @classmethod
-    def of(cls, view: TerrainView, bands: Sequence[GreyImage] = ()) -> ViewSampler:
-        """Prepare a view, with its own image or with others in the same geometry."""
+    def of(cls, view: TerrainView, bands: Sequence[GreyImage]) -> ViewSampler:
+        """Prepare a view, with its own image, or others in the same geometry, or none."""
         rotation = map_from_pair_rotation(view.lsl_from_pair)
         return cls(
             camera=camera_on_map(view.lsl_from_pair),
@@ -84,7 +84,7 @@ class ViewSampler:
             base_m=view.geometry.base_m,
             centre_px=view.geometry.centre_px,
             sides=_sides(view) @ rotation.T,
-            bands=tuple(masked_pyramid(band, view.mask) for band in bands or (view.image,)),
+            bands=tuple(masked_pyramid(band, view.mask) for band in bands),
             fade=border_fade(view.mask),
             nearest=np.where(np.isfinite(view.parallax), view.parallax, 0).astype(np.float32),
         )

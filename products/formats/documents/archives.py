@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_DEFLATED, ZipFile
@@ -24,7 +24,7 @@ from solmap.photogrammetry.archive.images.radiometry import (
     RadialVignetting,
     Radiometry,
 )
-from solmap.photogrammetry.arrays import ParallaxMap
+from solmap.photogrammetry.arrays import ParallaxMap, UInt8, UInt16
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StereoMatches
@@ -192,25 +192,45 @@ def write_dense(path: Path, dense: DenseMatches) -> None:
     )
 
 
-def read_dense(path: Path) -> DenseMatches:
-    """The inverse of `write_dense`."""
-    header, arrays = read_archive(path)
-    parallax = _parallax(header, arrays)
-    values = np.float32(_LEAST_SIGMA_PX) * np.exp(np.arange(256) * np.float32(_SIGMA_STEP))
-    sigma = values.astype(np.float32)[arrays["sigma"]]
-    sigma[arrays["steps"] == 0] = np.nan
-    shared = SharedSigma(**header["shared"]) if "shared" in header else None
-    return DenseMatches(parallax, sigma, shared)
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredParallax:
+    """A dense parallax map as it is stored, in a third of its memory; read only."""
 
+    steps: UInt16[np.ndarray, "lines samples"]
+    """Parallax in steps; 0 where not matched."""
+    sigmas: UInt8[np.ndarray, "lines samples"]
+    """Standard deviation, by its place in a table."""
+    step_px: float
+    shared: SharedSigma | None
 
-def read_parallax(path: Path) -> ParallaxMap:
-    """The parallax written by `write_dense`."""
-    return _parallax(*read_archive(path, {"steps"}))
+    @classmethod
+    def read(cls, path: Path) -> StoredParallax:
+        """The inverse of `write_dense`.
 
+        Raises:
+            ProductError: the file is not an archive of solmap.
+        """
+        header, arrays = read_archive(path)
+        for array in arrays.values():
+            array.setflags(write=False)
+        shared = SharedSigma(**header["shared"]) if "shared" in header else None
+        return cls(arrays["steps"], arrays["sigma"], header["step_px"], shared)
 
-def _parallax(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> ParallaxMap:
-    steps = arrays["steps"]
-    return np.where(steps > 0, steps * np.float32(header["step_px"]), np.nan).astype(np.float32)
+    def parallax_px(self) -> ParallaxMap:
+        """The parallax in pixels; NaN where not matched."""
+        values = self.steps * np.float32(self.step_px)
+        return np.where(self.steps > 0, values, np.float32(np.nan))
+
+    def sigma_px(self) -> ParallaxMap:
+        """Standard deviation of the parallax in pixels; NaN where not matched."""
+        table = np.float32(_LEAST_SIGMA_PX) * np.exp(np.arange(256) * np.float32(_SIGMA_STEP))
+        sigma = table.astype(np.float32)[self.sigmas]
+        sigma[self.steps == 0] = np.nan
+        return sigma
+
+    def dense(self) -> DenseMatches:
+        """Both as matched."""
+        return DenseMatches(self.parallax_px(), self.sigma_px(), self.shared)
 
 
 _COLUMNS = {"surface_matched": "by_shape"}

@@ -124,7 +124,7 @@ def stops_of(store: Path, truth: Truth) -> Iterator[StopInTruth]:
                 pair = OrientedPair(PairProducts(files, *refs), Orientation.of(adjusted[files.id]))
                 by_stop.setdefault(files.stop, []).append(pair)
     for stop, pairs in by_stop.items():
-        views = read_views(pairs, workspace.store)
+        views = read_views(pairs, workspace.store, sigmas=True)
         images = [read_product_image(p.products.files.left, workspace.store).image for p in pairs]
         true = tuple(
             replace(

@@ -24,11 +24,10 @@ from solmap.photogrammetry.imagery import StereoMatches
 from solmap.photogrammetry.matching.records import DenseMatches, SharedSigma
 from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import (
+    StoredParallax,
     finite,
     radiometry_digest,
-    read_dense,
     read_matches,
-    read_parallax,
     read_radiometry,
     write_dense,
     write_matches,
@@ -83,7 +82,7 @@ def test_the_common_parallax_error_is_read_back(tmp_path, rng):
     shared = replace(alone, shared=SharedSigma(1.1, 0.005))
     for dense in (alone, shared):
         write_dense(tmp_path / "p.npz", dense)
-        assert read_dense(tmp_path / "p.npz").shared == dense.shared
+        assert StoredParallax.read(tmp_path / "p.npz").dense().shared == dense.shared
 
 
 def test_dense_matches_are_read_back_within_half_a_step(tmp_path, rng):
@@ -91,16 +90,18 @@ def test_dense_matches_are_read_back_within_half_a_step(tmp_path, rng):
     parallax[3:9] = np.nan
     dense = dense_of(parallax, rng)
     write_dense(tmp_path / "p.npz", dense)
-    again = read_dense(tmp_path / "p.npz")
+    stored = StoredParallax.read(tmp_path / "p.npz")
+    again = stored.dense()
     np.testing.assert_allclose(again.parallax_px, parallax, atol=0.5 / 128 + 1e-4)
     np.testing.assert_allclose(again.sigma_px, dense.sigma_px, rtol=0.016)
-    np.testing.assert_array_equal(read_parallax(tmp_path / "p.npz"), again.parallax_px)
+    np.testing.assert_array_equal(stored.parallax_px(), again.parallax_px)
 
 
 def test_parallax_beyond_the_fine_range_is_stored_coarser_and_not_cut_off(tmp_path, rng):
     parallax = np.array([[900.0, 10.0]], dtype=np.float32)
     write_dense(tmp_path / "p.npz", dense_of(parallax, rng))
-    np.testing.assert_allclose(read_parallax(tmp_path / "p.npz"), parallax, atol=0.01)
+    again = StoredParallax.read(tmp_path / "p.npz").parallax_px()
+    np.testing.assert_allclose(again, parallax, atol=0.01)
 
 
 def test_the_same_arrays_give_the_same_bytes(tmp_path, rng):
@@ -113,7 +114,7 @@ def test_the_same_arrays_give_the_same_bytes(tmp_path, rng):
 def test_a_file_that_is_not_an_archive_is_named(tmp_path):
     (tmp_path / "broken.npz").write_bytes(b"not a zip")
     with pytest.raises(ProductError, match=r"broken\.npz is not an archive"):
-        read_parallax(tmp_path / "broken.npz")
+        StoredParallax.read(tmp_path / "broken.npz")
 
 
 COUNTS = np.arange(0, 4096, 16, dtype=np.float32)
