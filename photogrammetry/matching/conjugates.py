@@ -156,17 +156,17 @@ class TieView:
     @cached_property
     def left(self) -> View:
         """The left image."""
-        return View.of(self.pair.images.left, self.pair.images.left_mask)
+        return View.of(self.pair.left, self.pair.left_mask)
 
     @cached_property
     def right(self) -> View:
         """The right image, needed only where a tie was found in the left one."""
-        return View.of(self.pair.images.right, self.pair.images.right_mask)
+        return View.of(*self.pair.read_right())
 
     @property
     def geometry(self) -> EpipolarPair:
         """The pair's ideal stereo camera."""
-        return self.pair.images.geometry
+        return self.pair.geometry
 
 
 def find_conjugates(

@@ -289,7 +289,7 @@ def _verify(
     """Keep the ties that agree with the geometry of the whole stop."""
     counted = ties.counts()
     if len(ties):
-        geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
+        geometries = {pair.pair_id: pair.geometry for pair in stop.pairs}
         rest = Pose.identity(stop.stop.frame, stop.stop.frame)
         sets = {pair.pair_id: pair.instrument for pair in stop.pairs}
         alignment = align(ties, geometries, rest, None, params.alignment, sets)
@@ -314,7 +314,7 @@ def point_pairs(stop: MatchedStop, ties: Ties, params: AlignmentParams) -> Match
     """
     if not len(ties):
         return stop
-    geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
+    geometries = {pair.pair_id: pair.geometry for pair in stop.pairs}
     rest = Pose.identity(stop.stop.frame, stop.stop.frame)
     pointing = align(ties, geometries, rest, None, params).pointing
     return replace(
@@ -326,8 +326,7 @@ def _turned(pair: MatchedPair, pointing: Float64[np.ndarray, " 3"] | None) -> Ma
     """A pair rotated about its left camera by a rotation vector of its own frame."""
     if pointing is None:
         return pair
-    geometry, turn = pair.images.geometry, ScipyRotation.from_rotvec(pointing).as_matrix()
+    geometry, turn = pair.geometry, ScipyRotation.from_rotvec(pointing).as_matrix()
     pose = geometry.rover_from_pair
     pose = Pose(pose.target, pose.source, pose.rotation @ turn, pose.translation_m)
-    images = replace(pair.images, geometry=replace(geometry, rover_from_pair=pose))
-    return replace(pair, images=images)
+    return replace(pair, geometry=replace(geometry, rover_from_pair=pose))

@@ -6,8 +6,9 @@ A tie is one feature measured in two images, with its parallax in each that belo
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 
 import numpy as np
 
@@ -71,16 +72,47 @@ class DenseMatches:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchedPair:
-    """A stereo pair with all its matches."""
+    """The left epipolar image of a stereo pair, with all matches."""
 
     pair_id: str
     instrument: str
-    images: EpipolarImages
+    geometry: EpipolarPair
+    left: GreyImage
+    left_mask: Mask
+    read_right: Callable[[], tuple[GreyImage, Mask]]
+    """The right image and its mask, in the same geometry: needed only where ties are found."""
     matches: StereoMatches
     parallax: ParallaxMap
     """Dense parallax on the grid of the left epipolar image."""
     sun: Vector3 | None = None
     """Unit vector towards the Sun in the axes of site and LSL (north, east, down), if known."""
+
+    @classmethod
+    def of(
+        cls,
+        pair_id: str,
+        instrument: str,
+        images: EpipolarImages,
+        matches: StereoMatches,
+        parallax: ParallaxMap,
+        sun: Vector3 | None = None,
+    ) -> MatchedPair:
+        """A pair whose images are both in memory."""
+        return cls(
+            pair_id=pair_id,
+            instrument=instrument,
+            geometry=images.geometry,
+            left=images.left,
+            left_mask=images.left_mask,
+            read_right=partial(_right_of, images),
+            matches=matches,
+            parallax=parallax,
+            sun=sun,
+        )
+
+
+def _right_of(images: EpipolarImages) -> tuple[GreyImage, Mask]:
+    return images.right, images.right_mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)

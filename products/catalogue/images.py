@@ -102,6 +102,12 @@ def read_product_image(file: ImageFile, store: ProductStore) -> ReadImage:
     return read_image(data, f"{file.image.scope.name}.img", radiometry=radiometry)
 
 
+def read_product_record(file: ImageFile, store: ProductStore) -> RoverImage:
+    """The label of an ingested image."""
+    data = store.path(file.image).read_bytes()
+    return read_image_record(data, f"{file.image.scope.name}.img")
+
+
 def image_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
     """The label of an ingested image; read once per process, because products never change."""
     name = _name(entry, workspace)

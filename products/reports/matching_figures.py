@@ -221,7 +221,7 @@ class FigureImage:
     @classmethod
     def of(cls, pair: MatchedPair) -> FigureImage:
         """The left image of a pair."""
-        return cls(pair.pair_id, pair.images.left, pair.images.left_mask)
+        return cls(pair.pair_id, pair.left, pair.left_mask)
 
 
 def draw_ties(

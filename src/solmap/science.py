@@ -330,7 +330,7 @@ def _matched_stop(pairs: Sequence[StereoPair], stop: StopId, pose: Pose) -> Matc
     def matched(pair: StereoPair) -> MatchedPair:
         found = pair.match()
         instrument = pair.record.left.instrument
-        return MatchedPair(pair.id, instrument, pair.images, found.sparse, found.disparity_px)
+        return MatchedPair.of(pair.id, instrument, pair.images, found.sparse, found.disparity_px)
 
     here = tuple(matched(pair) for pair in pairs if pair.stop == stop)
     return MatchedStop(stop, here, pose, np.zeros((6, 6)))

@@ -11,14 +11,20 @@ import numpy as np
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.archive.file_names import camera_string, tile_number
 from solmap.photogrammetry.archive.images.reading import ReadImage
+from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
-from solmap.photogrammetry.matching.resampling import epipolar_images
+from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.stereo.orientation import turn_in_place
 from solmap.products.catalogue.catalogue import ImageEntry
-from solmap.products.catalogue.images import ImageFile, image_file, read_product_image
+from solmap.products.catalogue.images import (
+    ImageFile,
+    image_file,
+    read_product_image,
+    read_product_record,
+)
 from solmap.products.formats.documents.archives import (
     StoredParallax,
     read_matches,
@@ -31,10 +37,10 @@ CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
 """Instruments in the order that numbers a pair's frame."""
 PAIRS_KEPT = 20
 """Pairs of which a process keeps what it computed: those of two stops."""
-IMAGES_KEPT = 30
-"""Pairs of which a process keeps the images, 10 MB each: a new stop and two linked to it."""
-PARALLAXES_KEPT = 40
-"""Pairs of which a process keeps the parallax, 3 MB each: those of three stops with Pancam."""
+LEFT_KEPT = 40
+"""Pairs of which a process keeps the left image, 5 MB each: those of three stops with Pancam."""
+PARALLAXES_KEPT = LEFT_KEPT
+"""Pairs of which a process keeps the parallax, 3 MB each."""
 Turn = tuple[float, float, float]
 """A rotation vector in the rover frame, radians."""
 
@@ -105,11 +111,13 @@ def pair_frame(image: RoverImage) -> Frame:
 
 def turn_right_camera(right: ReadImage, turn: Turn | None) -> ReadImage:
     """The right image, with its camera rotated by the rig correction `turn` if there is one."""
+    return replace(right, image=_turned(right.image, turn))
+
+
+def _turned(right: RoverImage, turn: Turn | None) -> RoverImage:
     if turn is None:
         return right
-    image = right.image
-    camera = turn_in_place(image.camera, image.stop.frame, np.array(turn))
-    return replace(right, image=replace(image, camera=camera))
+    return replace(right, camera=turn_in_place(right.camera, right.stop.frame, np.array(turn)))
 
 
 def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:
@@ -124,32 +132,44 @@ def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:
     )
 
 
-def resample_pair(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> EpipolarImages:
-    """Both images in the geometry of their pair."""
-    return epipolar_images(
-        geometry,
-        (left.pixels, left.mask, left.image.camera),
-        (right.pixels, right.mask, right.image.camera),
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftImage:
+    """The left image of a pair in the pair's geometry; its arrays are read only."""
+
+    record: RoverImage
+    geometry: EpipolarPair
+    grey: GreyImage
+    mask: Mask
 
 
-@lru_cache(maxsize=IMAGES_KEPT)
-def read_epipolar(
-    pair: PairFiles, turn: Turn | None, store: ProductStore
-) -> tuple[RoverImage, EpipolarImages]:
-    """The left image of a pair, and both in its geometry; their arrays are read only.
+@lru_cache(maxsize=LEFT_KEPT)
+def read_left(pair: PairFiles, turn: Turn | None, store: ProductStore) -> LeftImage:
+    """The left image of a pair in its geometry, which depends on both cameras.
 
     Args:
         pair: The images.
         turn: Rotation of the right camera relative to its label.
         store: The store that contains them.
     """
-    left, labelled = read_pair(pair, store)
-    right = turn_right_camera(labelled, turn)
-    images = resample_pair(left, right, pair_geometry(left.image, right.image))
-    for array in (images.left, images.left_mask, images.right, images.right_mask):
-        array.setflags(write=False)
-    return left.image, images
+    left = read_product_image(pair.left, store)
+    right = _turned(read_product_record(pair.right, store), turn)
+    geometry = pair_geometry(left.image, right)
+    grey, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
+    return LeftImage(left.image, geometry, _read_only(grey), _read_only(mask))
+
+
+@lru_cache(maxsize=PAIRS_KEPT)
+def read_epipolar(pair: PairFiles, turn: Turn | None, store: ProductStore) -> EpipolarImages:
+    """Both images of a pair in its geometry; their arrays are read only."""
+    left = read_left(pair, turn, store)
+    right = turn_right_camera(read_product_image(pair.right, store), turn)
+    grey, mask = resample(right.pixels, right.mask, right.image.camera, left.geometry, Eye.RIGHT)
+    return EpipolarImages(left.geometry, left.grey, left.mask, _read_only(grey), _read_only(mask))
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array
 
 
 @lru_cache(maxsize=PARALLAXES_KEPT)
@@ -160,6 +180,7 @@ def stored_parallax(parallax: ProductRef, store: ProductStore) -> StoredParallax
 
 def clear_images() -> None:
     """Free the memory of the images and parallaxes that are kept."""
+    read_left.cache_clear()
     read_epipolar.cache_clear()
     stored_parallax.cache_clear()
 
@@ -167,14 +188,23 @@ def clear_images() -> None:
 def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
     """A pair with its epipolar images and all its matches."""
     path = store.path(pair.matches)
-    left, images = read_epipolar(pair.files, read_right_turn(path), store)
+    turn = read_right_turn(path)
+    left = read_left(pair.files, turn, store)
+
+    def read_right() -> tuple[GreyImage, Mask]:
+        images = read_epipolar(pair.files, turn, store)
+        return images.right, images.right_mask
+
     return MatchedPair(
         pair_id=pair.files.id,
         instrument=pair.files.instrument,
-        images=images,
+        geometry=left.geometry,
+        left=left.grey,
+        left_mask=left.mask,
+        read_right=read_right,
         matches=read_matches(path)[1],
         parallax=stored_parallax(pair.parallax, store).parallax_px(),
-        sun=left.sun,
+        sun=left.record.sun,
     )
 
 

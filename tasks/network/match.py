@@ -35,6 +35,7 @@ from solmap.tasks.images.pairs import (
     PairProducts,
     Turn,
     read_epipolar,
+    read_left,
 )
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.stage import stage
@@ -53,12 +54,12 @@ def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
     """Measure the correspondence of the rows of a stereo pair, with the rig as labelled."""
 
     def write(path: Path) -> None:
-        left, images = read_epipolar(pair, None, store)
+        images, left = read_epipolar(pair, None, store), read_left(pair, None, store).record
         rover_from_pair = images.geometry.rover_from_pair.rotation
 
         def turned(rotation: Vector3) -> EpipolarImages:
             x, y, z = (rover_from_pair @ rotation).tolist()
-            return read_epipolar(pair, (x, y, z), store)[1]
+            return read_epipolar(pair, (x, y, z), store)
 
         points = find_points(pair, None, SparseParams(), store)
         measured = rows_of_rig(images, turned, points)
@@ -99,13 +100,13 @@ def match_stereo_pair(
     """
 
     def write_sparse(path: Path) -> None:
-        left, images = read_epipolar(pair, turn, store)
+        images, left = read_epipolar(pair, turn, store), read_left(pair, turn, store).record
         candidates = find_candidates(pair, turn, params.sparse, store)
         matches = refine_candidates(pair.id, images, candidates, params.sparse)
         write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
 
     def write_parallax(path: Path) -> None:
-        write_dense(path, match_densely(read_epipolar(pair, turn, store)[1], params.dense))
+        write_dense(path, match_densely(read_epipolar(pair, turn, store), params.dense))
 
     inputs, scope = pair.inputs, pair_scope(pair.id)
     sparse, dense = ((one, turn) if turn else one for one in (params.sparse, params.dense))
@@ -121,7 +122,7 @@ def find_candidates(
     pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
 ) -> Candidates:
     """The interest points of a pair that may correspond; kept for the preview of its matches."""
-    images = read_epipolar(pair, turn, store)[1]
+    images = read_epipolar(pair, turn, store)
     return match_interest_points(images, params, find_points(pair, turn, params, store))
 
 
@@ -130,4 +131,4 @@ def find_points(
     pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
 ) -> tuple[InterestPoints, InterestPoints]:
     """The interest points of both images; kept because rows are measured with the same ones."""
-    return points_of_pair(read_epipolar(pair, turn, store)[1], params)
+    return points_of_pair(read_epipolar(pair, turn, store), params)

@@ -42,7 +42,7 @@ from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import (
     PAIRS_KEPT,
     PairProducts,
-    read_epipolar,
+    read_left,
     stored_parallax,
 )
 from solmap.tasks.scopes import is_of_mission, sol_of
@@ -148,15 +148,15 @@ def _read_in_place(products: PairProducts, store: ProductStore) -> TerrainView:
     """
     files, path = products.files, store.path(products.matches)
     geometry, _ = read_matches(path)
-    images = read_epipolar(files, read_right_turn(path), store)[1]
+    left = read_left(files, read_right_turn(path), store)
     view = TerrainView(
         pair_id=files.id,
         instrument=files.instrument,
         lsl_from_pair=Pose.identity(LSL, geometry.rover_from_pair.source),
         geometry=geometry,
         parallax=stored_parallax(products.parallax, store).parallax_px(),
-        image=images.left,
-        mask=images.left_mask,
+        image=left.grey,
+        mask=left.mask,
     )
     view = mask_rover(view, files.stop.mission)
     for array in (view.parallax, view.image, view.mask):

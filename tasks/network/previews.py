@@ -58,7 +58,7 @@ def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
 
     def write(path: Path) -> None:
         turn = read_right_turn(store.path(pair.matches))
-        images = read_epipolar(pair.files, turn, store)[1]
+        images = read_epipolar(pair.files, turn, store)
         _, matches = read_matches(store.path(pair.matches))
         candidates = find_candidates(pair.files, turn, params, store)
         dense = stored_parallax(pair.parallax, store).dense()
@@ -116,7 +116,7 @@ def _from_above(earlier: StopViews, later: StopViews, fit: PlaneFit) -> EightBit
 
 
 def _geometries(pairs: Iterable[MatchedPair]) -> dict[str, EpipolarPair]:
-    return {pair.pair_id: pair.images.geometry for pair in pairs}
+    return {pair.pair_id: pair.geometry for pair in pairs}
 
 
 def _stack(above: EightBits, below: EightBits) -> EightBits:

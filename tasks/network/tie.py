@@ -257,7 +257,7 @@ def clear_prepared() -> None:
 def _toe_in_px(matched: MatchedStop, stop: StopProducts) -> dict[str, float]:
     sigmas = dict(pair for one in _merged(stop) for pair in one.toe_in_sigmas)
     return {
-        pair.pair_id: pair.images.geometry.focal_px * sigmas.get(pair.instrument, 0.0)
+        pair.pair_id: pair.geometry.focal_px * sigmas.get(pair.instrument, 0.0)
         for pair in matched.pairs
     }
 

@@ -49,7 +49,7 @@ def test_a_stop_against_opencvs_matching_of_its_pairs(benchmark, husband, tmp_pa
         if layer.sols == NEW
     ]
     pairs = [
-        read_epipolar(pair, None, workspace.store)[1]
+        read_epipolar(pair, None, workspace.store)
         for pair in pairs_of(workspace.catalogue.images("MER2", sol=NEW[0]))
     ]
     matcher = cv2.StereoSGBM.create(0, 208, 5, P1=200, P2=800)

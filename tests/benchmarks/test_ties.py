@@ -50,7 +50,7 @@ def test_linking_two_stops(benchmark, stops):
 
 def test_sift_with_the_ratio_test_between_neighbouring_pairs(benchmark, stops):
     def eight_bits(pair):
-        return cv2.normalize(pair.images.left, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+        return cv2.normalize(pair.left, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 
     def match_all():
         sift, matcher = cv2.SIFT_create(5000), cv2.BFMatcher()

@@ -40,11 +40,12 @@ from solmap.products.formats.documents.rig import (
 )
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.pairs import pair_geometry, resample_pair, turn_right_camera
+from solmap.tasks.images.pairs import pair_geometry, turn_right_camera
 from solmap.tasks.network.match import rows_of_pair
 from solmap.tasks.network.rig import pool_rig, turn_of_pair
 from solmap.tasks.scopes import pair_scope
 from tests.support.small_downlink import rendered_images
+from tests.support.stereo_pairs import resample_pair
 from tests.support.stop_networks import RENDERED_MAST_M
 
 BEND = np.array([0.6e-3, 0.1e-3, -0.5e-3])
@@ -216,7 +217,7 @@ class Stop:
             images = resample_pair(left, turned, pair_geometry(left.image, turned.image))
             matches = match_sparsely(one.pair_id, images)
             parallax = match_densely(images).parallax_px
-            pairs.append(MatchedPair(one.pair_id, one.instrument, images, matches, parallax))
+            pairs.append(MatchedPair.of(one.pair_id, one.instrument, images, matches, parallax))
         pose = Pose(LSL, self.id.frame, np.eye(3), np.zeros(3))
         return MatchedStop(self.id, tuple(pairs), pose, np.zeros((6, 6)))
 
@@ -236,7 +237,7 @@ def ties_of_stop(stop, rig):
     network = Network(
         (StopPrior(stop.id, matched.lsl_from_rover),),
         tuple(
-            PairGeometry(pair.pair_id, stop.id, pair.images.geometry, RENDERED_MAST_M)
+            PairGeometry(pair.pair_id, stop.id, pair.geometry, RENDERED_MAST_M)
             for pair in matched.pairs
         ),
         build_tie_points([pair.matches for pair in matched.pairs], [ties], TrackParams()),

@@ -16,7 +16,8 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
-from solmap.tasks.images.pairs import pair_geometry, resample_pair
+from solmap.tasks.images.pairs import pair_geometry
+from tests.support.stereo_pairs import resample_pair
 from tests.support.terrain.terrain_truth import Evaluation, StopInTruth, Truth, evaluate
 
 WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))

@@ -20,7 +20,8 @@ from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.records import EpipolarImages
-from solmap.tasks.images.pairs import pair_geometry, resample_pair
+from solmap.tasks.images.pairs import pair_geometry
+from tests.support.stereo_pairs import resample_pair
 
 NEAREST_M, FURTHEST_M = 1.0, 90.0
 STEP = 1.001

@@ -45,11 +45,11 @@ def truly_pointed(stop: SimulatedStop, folder: Path) -> SimulatedStop:
         else:
             world = stop.world.world()
             lsl_from_label = world.true_lsl_from_label_rover(world.shot(stop.number, number))
-        labelled = pair.images.geometry.rover_from_pair
+        labelled = pair.geometry.rover_from_pair
         true = stop.true.inverse @ lsl_from_label @ labelled
         pose = Pose(labelled.target, labelled.source, true.rotation, true.translation_m)
-        geometry = replace(pair.images.geometry, rover_from_pair=pose)
-        return replace(pair, images=replace(pair.images, geometry=geometry))
+        geometry = replace(pair.geometry, rover_from_pair=pose)
+        return replace(pair, geometry=geometry)
 
     pairs = tuple(turned(k, pair) for k, pair in enumerate(stop.matched.pairs))
     return replace(stop, matched=replace(stop.matched, pairs=pairs))

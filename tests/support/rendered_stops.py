@@ -17,8 +17,9 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
-from solmap.tasks.images.pairs import pair_geometry, resample_pair
+from solmap.tasks.images.pairs import pair_geometry
 from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest
+from tests.support.stereo_pairs import resample_pair
 
 HUSBAND = WorldOfStops("husband", (0.0, 0.0), seed=0, stops=3)
 
@@ -73,5 +74,5 @@ def matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
         matches = match_sparsely(pair.id, images, SparseParams())
         name = left.image.instrument
         parallax, sun = match_densely(images).parallax_px, left.image.sun
-        pairs.append(MatchedPair(pair.id, name, images, matches, parallax, sun))
+        pairs.append(MatchedPair.of(pair.id, name, images, matches, parallax, sun))
     return tuple(pairs)

@@ -151,7 +151,7 @@ def _pair(name, lsl_from_pair, geometry, look, rng):
         np.full(int(good.sum()), 0.1),
     )
     kept = EpipolarImages(geometry, images[0], mask, images[1], mask)
-    return MatchedPair(name, "NAVCAM", kept, matches, parallax.astype(np.float32))
+    return MatchedPair.of(name, "NAVCAM", kept, matches, parallax.astype(np.float32))
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,8 @@ from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_spa
 from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.truth import true_parallax
-from solmap.tasks.images.pairs import pair_geometry, resample_pair
+from solmap.tasks.images.pairs import pair_geometry
+from tests.support.stereo_pairs import resample_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache" / "cross_site"
@@ -128,7 +129,7 @@ def _matched(world: World, shot: Shot) -> MatchedPair:
     name = left.image.id
     matches = match_sparsely(name, images, SparseParams())
     parallax, sun = match_densely(images).parallax_px, left.image.sun
-    return MatchedPair(name, left.image.instrument, images, matches, parallax, sun)
+    return MatchedPair.of(name, left.image.instrument, images, matches, parallax, sun)
 
 
 def _right_camera(world: World, shot: Shot) -> Cahvor:
@@ -148,7 +149,7 @@ def _read(world: World, shot: Shot, eye: Eye) -> ReadImage:
 def true_pair(stop: SimulatedStop, pair: int) -> tuple[Pose, np.ndarray]:
     """(lsl_from_pair, parallax of the left epipolar image) of a pair, as they truly are."""
     path = CACHE / f"{_digest(stop.world, stop.number)}-truth{pair}.npy"
-    world, geometry = stop.world.world(), stop.matched.pairs[pair].images.geometry
+    world, geometry = stop.world.world(), stop.matched.pairs[pair].geometry
     if not path.exists():
         np.save(path, true_parallax(world, stop.number, pair, geometry))
     shot = world.shot(stop.number, pair)

@@ -109,7 +109,7 @@ def network_of(stops: Sequence[SimulatedStop], *, surface_matching: bool = True)
             for k, stop in enumerate(stops)
         ),
         tuple(
-            PairGeometry(pair.pair_id, stop.stop, pair.images.geometry, mast)
+            PairGeometry(pair.pair_id, stop.stop, pair.geometry, mast)
             for stop in stops
             for pair in stop.matched.pairs
         ),

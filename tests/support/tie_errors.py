@@ -37,7 +37,7 @@ def tie_errors(ties: Ties, one: SimulatedStop, other: SimulatedStop) -> TieError
         j, k = ids[0].index(ties.pair_ids[a]), ids[1].index(ties.pair_ids[b])
         lsl_one, parallax_one = true_pair(one, j)
         lsl_other, parallax_other = true_pair(other, k)
-        g, h = one.matched.pairs[j].images.geometry, other.matched.pairs[k].images.geometry
+        g, h = one.matched.pairs[j].geometry, other.matched.pairs[k].geometry
         here = _at(parallax_one, ties.first_left[rows])
         points = g.triangulate(ties.first_left[rows], here)
         seen = lsl_other.inverse.apply(lsl_one.apply(points))

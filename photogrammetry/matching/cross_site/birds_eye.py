@@ -145,10 +145,10 @@ def draw_birds_eye(
     for pair in stop.pairs:
         camera, rotation, origin = level_camera(stop, pair)
         least_px = camera[0] / (1.2 * params.radius_m)
-        seen = pair.images.left_mask[:, ::2] & (pair.parallax[:, ::2] > least_px)
-        grey = pair.images.left[:, ::2][seen]
+        seen = pair.left_mask[:, ::2] & (pair.parallax[:, ::2] > least_px)
+        grey = pair.left[:, ::2][seen]
         median = max(float(np.median(grey)), 1e-6) if len(grey) else 1.0
-        rasters = pair.parallax, pair.images.left_mask, pair.images.left
+        rasters = pair.parallax, pair.left_mask, pair.left
         for total, size, cell_m in zip(sums, sizes, cells_m, strict=True):
             grid = cell_m, params.radius_m, size
             own = sum_ground(rasters, camera, rotation, origin, least_px, grid)
@@ -170,7 +170,7 @@ def level_camera(
     Returns:
         (f B in pixel metres, f in pixels, principal point), rotation, origin in metres.
     """
-    geometry, level_from_rover = pair.images.geometry, stop.lsl_from_rover.rotation
+    geometry, level_from_rover = pair.geometry, stop.lsl_from_rover.rotation
     scale = geometry.focal_px * geometry.base_m
     return (
         np.array([scale, geometry.focal_px, *geometry.centre_px]),

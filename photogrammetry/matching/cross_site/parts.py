@@ -102,6 +102,6 @@ def merge_ground(stop: MatchedStop, beside: Iterable[tuple[MatchedStop, Pose]]) 
 
 def _moved(pair: MatchedPair, pose: Pose) -> MatchedPair:
     """A pair in the frame of another rover."""
-    geometry = pair.images.geometry
+    geometry = pair.geometry
     moved = replace(geometry, rover_from_pair=pose @ geometry.rover_from_pair)
-    return replace(pair, images=replace(pair.images, geometry=moved))
+    return replace(pair, geometry=moved)

@@ -178,7 +178,7 @@ class HeightGrid:
         weight, up = total.reshape(2, size, size)
         with np.errstate(invalid="ignore"):
             up = (up / weight).astype(np.float32)
-        shapes = [pair.images.geometry for pair in stop.pairs]
+        shapes = [pair.geometry for pair in stop.pairs]
         coarsest = min(shapes, key=lambda g: g.focal_px * g.base_m)
         level = stop.lsl_from_rover.rotation @ coarsest.rover_from_pair.translation_m
         scale_px_m = coarsest.focal_px * coarsest.base_m

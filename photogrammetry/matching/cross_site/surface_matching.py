@@ -285,7 +285,7 @@ def _best_view(stop: MatchedStop, places: ObjectPoints) -> _Seen:
         np.full(n, np.inf),
     )
     for k, pair in enumerate(stop.pairs):
-        g, pose = pair.images.geometry, pair.images.geometry.rover_from_pair
+        g, pose = pair.geometry, pair.geometry.rover_from_pair
         in_pair = (places - pose.translation_m) @ pose.rotation
         left, parallax = g.project(in_pair)
         aside = np.abs(in_pair[:, 0] / in_pair[:, 2])
@@ -300,9 +300,7 @@ def _best_view(stop: MatchedStop, places: ObjectPoints) -> _Seen:
 
 def _shows(pair: MatchedPair, left: Float64[np.ndarray, "n 2"], parallax_px: PerPoint) -> Flags:
     """Whether dense parallax at image points agrees with the predicted one."""
-    inside = pair.images.geometry.shows(left - MARGIN_PX) & pair.images.geometry.shows(
-        left + MARGIN_PX
-    )
+    inside = pair.geometry.shows(left - MARGIN_PX) & pair.geometry.shows(left + MARGIN_PX)
     col, row = np.rint(np.where(inside[:, None], left, 0.0)).astype(np.int64).T
     with np.errstate(invalid="ignore"):
         off = np.abs(pair.parallax[row, col] - parallax_px)

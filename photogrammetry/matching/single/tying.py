@@ -119,16 +119,14 @@ def tie_to_pair(
     pair: MatchedPair, view: SingleView, ids: tuple[str, ...], params: MonoParams
 ) -> LinkedImages | None:
     """Ties of a stereo pair with a single image beside it; None where they do not overlap."""
-    two_views = TwoViews(pair.images.geometry, view.geometry)
+    two_views = TwoViews(pair.geometry, view.geometry)
     if two_views.base_m < LEAST_BASE_M:
         return None
     rows = matches_in_view(pair, view, two_views, params)
     if len(rows) < params.least_ties:
         return None
     left, parallax = pair.matches.left[rows], pair.matches.parallax_px[rows]
-    source = SingleView(
-        pair.pair_id, two_views.one, View.of(pair.images.left, pair.images.left_mask)
-    )
+    source = SingleView(pair.pair_id, two_views.one, View.of(pair.left, pair.left_mask))
     found = search_predicted(source, view, two_views, left, parallax, params)
     sigma = np.maximum(pair.matches.sigma_px[rows], params.conjugates.sigma_floor_px)
     measured = MeasuredPoints(pair.pair_id, left, parallax, sigma)

@@ -23,9 +23,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, LitGround
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
@@ -132,17 +130,19 @@ def views_of(stop: SimulatedStop) -> list[TerrainView]:
     views = []
     for number, pair in enumerate(stop.matched.pairs):
         shot = world.shot(stop.number, number)
-        pose = world.true_lsl_from_label_rover(shot) @ pair.images.geometry.rover_from_pair
-        views.append(_view(pair.pair_id, pair.instrument, pose, pair.images, pair.parallax))
+        pose = world.true_lsl_from_label_rover(shot) @ pair.geometry.rover_from_pair
+        views.append(
+            TerrainView(
+                pair_id=pair.pair_id,
+                instrument=pair.instrument,
+                lsl_from_pair=pose,
+                geometry=pair.geometry,
+                parallax=pair.parallax,
+                image=pair.left,
+                mask=pair.left_mask,
+            )
+        )
     return views
-
-
-def _view(
-    name: str, instrument: str, pose: Pose, images: EpipolarImages, parallax: np.ndarray
-) -> TerrainView:
-    return TerrainView(
-        name, instrument, pose, images.geometry, parallax, images.left, images.left_mask
-    )
 
 
 def between_views(dtm: Dtm, views: Sequence[TerrainView]) -> list[Shift]:
@@ -218,7 +218,17 @@ def _laid_on_truth(folder: Path, sol: int, grid: MapGrid) -> np.ndarray:
         for pair in evaluated_pairs(folder, sol, instrument):
             nodes, images = pair, pair.images
             parallax = match_densely(images).parallax_px
-            views.append(_view(pair.name, instrument, pair.lsl_from_pair, images, parallax))
+            views.append(
+                TerrainView(
+                    pair_id=pair.name,
+                    instrument=instrument,
+                    lsl_from_pair=pair.lsl_from_pair,
+                    geometry=images.geometry,
+                    parallax=parallax,
+                    image=images.left,
+                    mask=images.left_mask,
+                )
+            )
     coarse = MapGrid.covering(grid.bounds, 4 * grid.cell_m)
     made = render_orthophoto(_true_dtm(nodes, coarse), views, OrthophotoParams())
     return on_grid(made.brightness, made.grid, grid)

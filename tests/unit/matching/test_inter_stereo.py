@@ -39,7 +39,7 @@ def test_bland_ground_with_a_dozen_matches_a_pair_ties_all_pairs(first_stop):
 
 def test_ties_show_the_same_ground_in_both_pairs(tied, first_stop):
     # the labels have errors of 1 mrad: the images have the true pointing
-    geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
+    geometries = {pair.pair_id: pair.geometry for pair in first_stop.pairs}
     for k in range(len(tied.ties)):
         one, other = (
             geometries[tied.ties.pair_ids[index[k]]]
@@ -66,7 +66,7 @@ def test_ties_displaced_by_some_pixels_are_rejected(tied, first_stop):
     moved = np.zeros(len(tied.ties), dtype=bool)
     moved[::7] = True
     damaged = replace(tied.ties, second_left=tied.ties.second_left + 4.0 * moved[:, None])
-    geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
+    geometries = {pair.pair_id: pair.geometry for pair in first_stop.pairs}
     rover = first_stop.stop.frame
     found = align(damaged, geometries, Pose.identity(rover, rover), None, AlignmentParams())
     assert not found.agrees[moved].any()

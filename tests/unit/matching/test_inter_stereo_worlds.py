@@ -39,7 +39,7 @@ class Panorama:
         stop = world.stops[0]
         reported = stop.telemetry_lsl_from_rover
         self.stop = MatchedStop(stop.id, pairs, reported, np.zeros((6, 6)))
-        self.geometries = [pair.images.geometry for pair in pairs]
+        self.geometries = [pair.geometry for pair in pairs]
         self.truth = [
             (
                 world.true_lsl_from_label_rover(shot) @ geometry.rover_from_pair,
@@ -131,5 +131,5 @@ def test_every_neighbour_in_the_rendered_panoramas_is_tied(husband, number, panc
 
 
 def azimuth_of(pair):
-    ahead = pair.images.geometry.rover_from_pair.rotation[:, 2]
+    ahead = pair.geometry.rover_from_pair.rotation[:, 2]
     return np.arctan2(ahead[1], ahead[0])

@@ -30,7 +30,7 @@ def view():
     parallax = np.broadcast_to(ground, (1024, 1024)).astype(np.float32).copy()
     grey, mask = np.zeros((1024, 1024), np.float32), np.ones((1024, 1024), bool)
     images = EpipolarImages(geometry, grey, mask, grey, mask)
-    return TieView(MatchedPair("a", "NAVCAM", images, StereoMatches.none("a"), parallax))
+    return TieView(MatchedPair.of("a", "NAVCAM", images, StereoMatches.none("a"), parallax))
 
 
 def seen(view, places):
@@ -72,7 +72,7 @@ def test_a_patch_is_averaged_as_the_whole_image_would_be(view, rng, corner, leve
     grey = rng.normal(500.0, 60.0, (1024, 1024)).astype(np.float32)
     surface = GroundSurface.of(BirdsEyeView(0.1, *np.zeros((2, 20, 20), np.float32)))
     pair = view.pair
-    view = TieView(replace(pair, images=replace(pair.images, left=grey)))
+    view = TieView(replace(pair, left=grey))
     step = 2.0 ** np.array(level)
     points = corner + step * np.stack(np.meshgrid(*[np.arange(9.0)] * 2), axis=-1)
     drawn = GroundView.of(view, surface, np.eye(3))._sample(points, level)

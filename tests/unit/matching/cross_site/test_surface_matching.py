@@ -97,7 +97,7 @@ def weight_of(ties, stops, found):
     )
     known = np.zeros((6, 6))
     for k, pair in enumerate(later.pairs):
-        rows, g = ties.second == k + skipped, pair.images.geometry
+        rows, g = ties.second == k + skipped, pair.geometry
         in_pair = g.triangulate(ties.second_left[rows], ties.second_parallax_px[rows])
         turn = found.pose.rotation @ later.lsl_from_rover.rotation
         arms = g.rover_from_pair.apply(in_pair) @ turn.T

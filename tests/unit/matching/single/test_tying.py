@@ -23,8 +23,7 @@ from solmap.photogrammetry.matching.stereo.verification import VerificationParam
 def views(first_stop):
     """The left images of the panorama's pairs, without their right images."""
     return [
-        SingleView(p.pair_id, p.images.geometry, View.of(p.images.left, p.images.left_mask))
-        for p in first_stop.pairs
+        SingleView(p.pair_id, p.geometry, View.of(p.left, p.left_mask)) for p in first_stop.pairs
     ]
 
 
@@ -35,7 +34,7 @@ def tied(views, first_stop):
 
 @pytest.fixture
 def two_views(first_stop):
-    return TwoViews(*(pair.images.geometry for pair in first_stop.pairs[:2]))
+    return TwoViews(*(pair.geometry for pair in first_stop.pairs[:2]))
 
 
 @pytest.fixture
@@ -59,7 +58,7 @@ def test_only_neighbouring_images_are_tied(tied):
 def test_ties_show_the_same_ground(tied, first_stop):
     """The parallax of the pair, which single images lack, gives their true positions."""
     offsets = []
-    geometries = [pair.images.geometry for pair in first_stop.pairs]
+    geometries = [pair.geometry for pair in first_stop.pairs]
     for k in range(len(tied.ties)):
         one, other = tied.ties.first[k], tied.ties.second[k]
         left = tied.ties.first_left[k]
@@ -86,7 +85,7 @@ def test_matches_of_a_pair_are_found_in_a_neighbouring_single_image(first_stop, 
     ties = found.ties
     assert np.isfinite(ties.first_parallax_px).all()  # the pair's own
     assert np.isnan(ties.second_parallax_px).all()
-    two_views = TwoViews(pair.images.geometry, views[1].geometry)
+    two_views = TwoViews(pair.geometry, views[1].geometry)
     depth = 320.0 * 0.4 / ties.first_parallax_px
     off = ties.second_left - two_views.project(ties.first_left, 1.0 / depth)
     assert np.linalg.norm(off, axis=1).max() < 5 * 0.32 * np.sqrt(2)  # 1 mrad of pointing each
@@ -157,7 +156,7 @@ def test_images_of_different_ground_are_not_tied(first_stop, foreign_stop, views
         views[1].geometry,
         rover_from_pair=Pose(label.target, label.source, label.rotation, label.translation_m),
     )
-    unrelated = SingleView("X", geometry, View.of(other.images.left, other.images.left_mask))
+    unrelated = SingleView("X", geometry, View.of(other.left, other.left_mask))
     found = tie_single_images(first_stop.stop, [views[0], unrelated], MonoParams())
     assert len(found.ties) == 0
     assert [link.ties for link in found.links] == [0]
@@ -165,7 +164,7 @@ def test_images_of_different_ground_are_not_tied(first_stop, foreign_stop, views
 
 def test_images_with_a_large_roll_between_them_are_tied(first_stop, views):
     """Elevation changes turn the image about the view; patches are turned with it."""
-    one = first_stop.pairs[1].images
+    one = first_stop.pairs[1]
     roll = Rotation.from_euler("z", np.pi / 2).as_matrix()
     label = views[1].geometry.rover_from_pair
     turned = Pose(label.target, label.source, label.rotation @ roll, label.translation_m)

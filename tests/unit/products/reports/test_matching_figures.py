@@ -154,7 +154,7 @@ def test_a_pair_that_is_not_among_the_ties_is_named(first_stop):
 
 def test_a_sheet_shows_every_couple_of_a_stop(first_stop):
     ties = tie_inter_stereo(first_stop, InterStereoParams()).ties
-    geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
+    geometries = {pair.pair_id: pair.geometry for pair in first_stop.pairs}
     rover = first_stop.stop.frame
     share = misfits(ties, geometries, Pose.identity(rover, rover), None, AlignmentParams())
     assert share.max() <= 1.0  # all that were kept agree
