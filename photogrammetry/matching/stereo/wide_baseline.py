@@ -297,8 +297,14 @@ class _PredictedPair:
         far = seen & (predicted <= geometry.focal_px / params.nearest_bases)
         rows = _rows_with(far)
         geometry = _cut(geometry, rows)
-        grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
         grey_r, mask_r = resample(right.image, right.mask, right.camera, geometry, Eye.RIGHT)
+        shared = _count_shared(predicted[rows], far[rows], mask_r)
+        if shared < FEWEST_OFFSETS:
+            raise MatchingError(
+                f"{shared} pixels of the far ground in {left.pair_id} are predicted inside "
+                f"{right.pair_id}, but the orientation of a wide pair needs {FEWEST_OFFSETS}"
+            )
+        grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
         images = EpipolarImages(geometry, grey_l, mask_l & far[rows], grey_r, mask_r)
         ratio = geometry.focal_px * geometry.base_m / (left.rig.focal_px * left.rig.base_m)
         search = int(np.ceil(params.rig_error_px * ratio))
@@ -320,6 +326,14 @@ class _PredictedPair:
         partner = self.predicted[y, there.clip(0, self.images.geometry.samples - 1)]
         rows = replace(found, parallax_px=found.parallax_px + partner)
         return MeasuredOffsets(rows, self.predicted[y, x].astype(np.float64), self.rig_ratio)
+
+
+def _count_shared(predicted: ParallaxMap, far: Mask, right_mask: Mask) -> int:
+    """Pixels of far ground in the left image whose predicted place in the right one is usable."""
+    line, sample = np.nonzero(far)
+    there = np.rint(sample - predicted[line, sample]).astype(np.int64)
+    inside = (there >= 0) & (there < right_mask.shape[1])
+    return int(right_mask[line[inside], there[inside]].sum())
 
 
 def _rows_with(far: Mask) -> slice:
