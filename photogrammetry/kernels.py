@@ -1,4 +1,4 @@
-"""The compiled loop over windows of a raster: see `planes`."""
+"""Compiled loops over windows of a raster: planes (see `planes`), and means of four cells."""
 
 from __future__ import annotations
 
@@ -114,3 +114,26 @@ def _add(sums: Sums, columns: np.ndarray, col: int, sign: float) -> Sums:
         S_nh + nh,
         S_hh + hh,
     )
+
+
+@compiled("planes")
+def halve(bands: np.ndarray) -> np.ndarray:
+    """Means of the known cells among 2 x 2, NaN where none is known.
+
+    Args:
+        bands: (bands, rows, cols), with even numbers of rows and columns; NaN where unknown.
+    """
+    count, rows, cols = bands.shape
+    means = np.empty((count, rows // 2, cols // 2), np.float32)
+    for band in range(count):
+        for y in range(rows // 2):
+            for x in range(cols // 2):
+                total, known = 0.0, 0
+                for row in range(2 * y, 2 * y + 2):
+                    for col in range(2 * x, 2 * x + 2):
+                        cell = bands[band, row, col]
+                        if not np.isnan(cell):
+                            total += cell
+                            known += 1
+                means[band, y, x] = total / known if known else NAN
+    return means

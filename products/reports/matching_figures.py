@@ -52,6 +52,8 @@ GREEN = (80, 200, 80)
 ORANGE = (0, 140, 255)
 RED = (60, 20, 220)
 DOT_PX = 2
+GREY_STEP = 8
+"""Step of grey levels: the noise of soil is most of an image's bytes."""
 AGREES_PX = 0.3
 """Residual of a good match: what published stereo reaches on board (NPO-42487: 0.32 px)."""
 
@@ -62,7 +64,7 @@ def in_three_bands(image: GreyImage, mask: Mask, scale: float = 1.0) -> EightBit
         size = _size(mask.shape, scale)
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         mask = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    grey = np.where(mask, stretch(image, mask), 0).astype(np.uint8)
+    grey = np.where(mask, stretch(image, mask), 0).astype(np.uint8) // GREY_STEP * GREY_STEP
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 
@@ -190,8 +192,6 @@ SHEET_PX = 1536
 TITLE_PX = 22
 LEGEND = "a tie's line: green where it agrees with all others, yellow, red at the limit of the test"
 LEAST_SHEET_PX = 64
-GREY_STEP = 8
-"""Step of grey levels: the noise of soil is most of an image's bytes."""
 GREEN_DEG = 120.0
 """Hue of a tie without misfit; 0 is red."""
 
@@ -240,7 +240,7 @@ def draw_ties(
     offset = grey[0].shape[1] + GAP_PX
     figure = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
     for image, left in zip(grey, (0, offset), strict=True):
-        figure[: image.shape[0], left : left + image.shape[1]] = image // GREY_STEP * GREY_STEP
+        figure[: image.shape[0], left : left + image.shape[1]] = image
     for start, end, share in _lines(first.name, second.name, ties, misfit):
         a, b = ((int(x * scale), int(y * scale)) for x, y in (start, end))
         b, colour = (b[0] + offset, b[1]), _misfit_colour(share)

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -307,6 +308,11 @@ def write_chunks(path: Path, chunks: Iterable[bytes]) -> str:
     return digest.hexdigest()
 
 
+@cache
+def _software() -> str:
+    return f"solmap {version('solmap')}"
+
+
 def _provenance(recipe: Recipe, draft: Path, effort: ResourceMeter) -> dict[str, Any]:
     with draft.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
@@ -316,5 +322,5 @@ def _provenance(recipe: Recipe, draft: Path, effort: ResourceMeter) -> dict[str,
         **effort.usage(),
         "bytes": draft.stat().st_size,
         "sha256": sha256,
-        "software": f"solmap {version('solmap')}",
+        "software": _software(),
     }

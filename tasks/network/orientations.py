@@ -13,11 +13,12 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
+from threading import Condition
 from typing import Any
 
 import numpy as np
+from cachetools import LRUCache, cached
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
@@ -140,7 +141,7 @@ def _sigma_px(products: PairProducts, toe_in: SharedSigma, store: ProductStore) 
     return np.sqrt(sigma_px * sigma_px + np.float32(toe_in.offset_px**2))
 
 
-@lru_cache(maxsize=PAIRS_KEPT)  # maps, models and points of a stop read the same
+@cached(LRUCache(PAIRS_KEPT), condition=Condition())  # for maps, models and points of a stop
 def _read_in_place(products: PairProducts, store: ProductStore) -> TerrainView:
     """The view of a pair at the origin; read only.
 

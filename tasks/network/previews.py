@@ -42,10 +42,10 @@ MAX_WIDTH = 1024
 """Width of a preview, pixels: two images side by side at half their width."""
 ENCODING = (
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB),
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE),
 )
-"""Level 3 takes a third longer and saves seven percent; a choice of filters by row takes half as
-long again and saves one."""
+"""Few levels of grey need no filter: that of the left neighbour takes a tenth longer and six percent
+more bytes."""
 FROM_ABOVE = (
     "relief, then grey values, from above, north up: earlier stop in red, later in cyan, grey "
     "where they agree"

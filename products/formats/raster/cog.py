@@ -26,14 +26,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import rasterio
 from pyproj import CRS
-from rasterio.enums import ColorInterp, Resampling
+from rasterio.enums import ColorInterp
 from rasterio.errors import RasterBlockError, RasterioError
 from rasterio.shutil import copy as copy_raster
 from rasterio.transform import Affine
 from rasterio.windows import Window
 
+from solmap.photogrammetry.kernels import halve
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.products.crs import untied_origin
 from solmap.products.store.faults import is_disk_full
@@ -108,7 +110,7 @@ def create_cog(
         with rasterio.open(draft, "w", **profile) as dataset:
             yield dataset
             _describe(dataset, description, untied_origin(crs))
-        _write_overviews(draft, profile, Resampling[description.overview_resampling.lower()])
+        _write_overviews(draft, profile, description.overview_resampling)
         copy_raster(draft, path, driver="COG", **_LOSSLESS)
     except RasterioError as error:  # GDAL only reports that writing failed
         if is_disk_full(path.parent, error):
@@ -119,7 +121,7 @@ def create_cog(
             made.unlink()
 
 
-def _write_overviews(path: Path, profile: Mapping[str, Any], how: Resampling) -> None:
+def _write_overviews(path: Path, profile: Mapping[str, Any], how: OverviewResampling) -> None:
     """Write overviews down to one block, each beside that of twice its size, as GDAL finds them.
 
     They are made of blocks that are held: GDAL would average empty ones as well.
@@ -128,14 +130,26 @@ def _write_overviews(path: Path, profile: Mapping[str, Any], how: Resampling) ->
         profile = {**profile, **{side: -(-profile[side] // 2) for side in ("height", "width")}}
         half = path.with_name(f"{path.name}.half")
         with rasterio.open(path) as full, rasterio.open(half, "w", **profile) as overview:
+            whole = Window(0, 0, full.width, full.height)
             for (row, col), window in overview.block_windows(1):
                 places = ((2 * row + down, 2 * col + right) for down in (0, 1) for right in (0, 1))
                 if any(is_held(full, *place) for place in places):
-                    shape = (full.count, window.height, window.width)
                     wide = Window(*(2 * side for side in window.flatten()))
-                    halved = full.read(window=wide, out_shape=shape, resampling=how)
-                    overview.write(halved, window=window)
+                    cells = full.read(window=wide.intersection(whole))
+                    overview.write(_halved(cells, how), window=window)
         path = half.rename(f"{path}.ovr")
+
+
+def _halved(cells: np.ndarray, how: OverviewResampling) -> np.ndarray:
+    """Bands at half their size; rows and columns without a neighbour stand for both."""
+    odd = [(0, side % 2) for side in cells.shape[1:]]
+    cells = np.pad(cells, [(0, 0), *odd], mode="edge") if any(map(any, odd)) else cells
+    if how == "NEAREST":
+        return cells[:, 1::2, 1::2]
+    if cells.dtype == np.float32:
+        return halve(cells)
+    means = halve(np.where(cells, cells, np.float32(np.nan)))
+    return np.floor(np.nan_to_num(means) + np.float32(0.5)).astype(cells.dtype)
 
 
 def is_held(dataset: rasterio.io.DatasetReader, row: int, col: int) -> bool:

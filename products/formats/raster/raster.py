@@ -70,7 +70,7 @@ _PERMANENT_ERRORS = (
 )
 """Parts of GDAL messages for errors that a retry cannot fix: broken object, wrong keys, missing
 bucket."""
-_SAMPLED_CELLS = 1 << 20
+_SAMPLED_CELLS = 1 << 18
 """Largest number of cells that `summarise` reads."""
 
 
