@@ -44,8 +44,8 @@ ENCODING = (
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE),
 )
-"""Few levels of grey need no filter: that of the left neighbour takes a tenth longer and six percent
-more bytes."""
+"""Few levels of grey need no filter: that of the left neighbour takes a tenth longer and six
+percent more bytes."""
 FROM_ABOVE = (
     "relief, then grey values, from above, north up: earlier stop in red, later in cyan, grey "
     "where they agree"

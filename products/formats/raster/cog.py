@@ -141,7 +141,7 @@ def _write_overviews(path: Path, profile: Mapping[str, Any], how: OverviewResamp
 
 
 def _halved(cells: np.ndarray, how: OverviewResampling) -> np.ndarray:
-    """Bands at half their size; rows and columns without a neighbour stand for both."""
+    """Bands at half their size; a last row or column without a neighbour is used twice."""
     odd = [(0, side % 2) for side in cells.shape[1:]]
     cells = np.pad(cells, [(0, 0), *odd], mode="edge") if any(map(any, odd)) else cells
     if how == "NEAREST":
