@@ -103,7 +103,10 @@ def read_product_image(file: ImageFile, store: ProductStore) -> ReadImage:
 
 
 def read_product_record(file: ImageFile, store: ProductStore) -> RoverImage:
-    """The label of an ingested image."""
+    """The label of an ingested image, from memory if the process has read it."""
+    known = _remembered.get((store.root, file.image.digest))
+    if known is not None:
+        return known
     data = store.path(file.image).read_bytes()
     return read_image_record(data, f"{file.image.scope.name}.img")
 
