@@ -74,7 +74,7 @@ def test_slope_with_its_deviation_tilt_and_roughness(benchmark, dtm):
 @pytest.mark.parametrize("seasons", [1, 4])
 def test_insolation_with_shadows(benchmark, dtm, seasons):
     params = InsolationParams(ls_deg=tuple(90.0 * k for k in range(seasons)))
-    made = benchmark.pedantic(insolation, args=(dtm.elevation, dtm.grid, GUSEV, params), rounds=3)
+    made = benchmark.pedantic(insolation, args=(dtm, GUSEV, params), rounds=3)
     havens = winter_havens(made, GUSEV, HavenParams())
     benchmark.extra_info["havens"] = len(havens)
     benchmark.extra_info["cells"] = int(np.isfinite(made.sky).sum())
