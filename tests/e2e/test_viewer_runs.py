@@ -168,16 +168,22 @@ def test_runs_are_cancelled_and_retried_and_deployments_paused(page, workspace, 
     ]
 
 
-def test_a_refusal_is_shown_in_the_dialog_and_the_engine_is_listed(page, workspace, live):
+def cancel_button(page, workspace, live):
+    """The button that cancels a run in progress, with an engine that is up and an operator."""
     write_engine(workspace)
     run = Run.start("downlink", "inbox", "f-1")
     RunRecords(workspace.catalogue.engine).write(run)
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
+    return page.locator(f'[data-run="{run.id}"] [data-action="cancel"]')
+
+
+def test_a_refusal_is_shown_in_the_dialog_and_the_engine_is_listed(page, workspace, live):
+    cancel = cancel_button(page, workspace, live)
     engine = page.locator('.status [data-part="engine"]')
     until(page, lambda: engine.inner_text() == "Engine up")
-    page.locator(f'[data-run="{run.id}"] [data-action="cancel"]').click()
+    cancel.click()
     write_engine(workspace, is_up=False, trouble="it was stopped")
     until(page, lambda: engine.inner_text() == "Engine down")
     page.locator("[data-confirm]").click()
@@ -186,13 +192,8 @@ def test_a_refusal_is_shown_in_the_dialog_and_the_engine_is_listed(page, workspa
 
 
 def test_a_button_is_clicked_although_its_run_changes_meanwhile(page, workspace, live):
-    write_engine(workspace)
-    run = Run.start("downlink", "inbox", "f-1")
-    RunRecords(workspace.catalogue.engine).write(run)
-    look(page, live)
-    page.locator('[data-tab="runs"]').click()
-    sign_in(page, workspace, Role.OPERATOR)
-    page.locator(f'[data-run="{run.id}"] [data-action="cancel"]').hover()
+    cancel = cancel_button(page, workspace, live)
+    cancel.hover()
     page.mouse.down()
     write_engine(workspace, is_up=False, trouble="it was stopped")
     engine = page.locator('.status [data-part="engine"]')

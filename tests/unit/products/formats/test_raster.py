@@ -95,6 +95,21 @@ def test_an_overview_is_the_mean_of_measured_cells(tmp_path, surface):
     np.testing.assert_allclose(half[some], expected[some], atol=1e-5)  # single precision
 
 
+@pytest.mark.parametrize("kind", ["float32", "uint8"])
+def test_a_last_row_without_a_neighbour_does_not_stretch_an_overview(tmp_path, kind):
+    odd = GRID.window(slice(0, 301), slice(0, 515))
+    cells = (np.indices(odd.shape).sum(axis=0) % 97 + 1).astype(kind)
+    if kind == "uint8":
+        write_orthophoto(tmp_path / "a.tif", odd, cells, CRS)
+    else:
+        write_raster(tmp_path / "a.tif", odd, {"x": cells}, CRS)
+    with rasterio.open(tmp_path / "a.tif") as dataset:
+        padded = np.pad(dataset.read(1).astype(float), ((0, 1), (0, 1)), mode="edge")
+    expected = padded.reshape(151, 2, 258, 2).mean(axis=(1, 3))
+    with rasterio.open(tmp_path / "a.tif", overview_level=0) as dataset:
+        np.testing.assert_allclose(dataset.read(1), expected, atol=0.5 if kind == "uint8" else 1e-5)
+
+
 def test_an_overview_of_directions_takes_one_of_them_rather_than_the_mean(tmp_path):
     around_north = np.where(np.indices(GRID.shape).sum(axis=0) % 2, 359.0, 1.0).astype(np.float32)
     write_raster(tmp_path / "a.tif", GRID, {"aspect": around_north}, CRS)
