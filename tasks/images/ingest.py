@@ -27,7 +27,12 @@ from pathlib import Path
 import cv2
 
 from solmap.photogrammetry.archive.images.radiometry import PixelState, Radiometry
-from solmap.photogrammetry.archive.images.reading import ReadImage, describe_image, read_image
+from solmap.photogrammetry.archive.images.reading import (
+    DescribedImage,
+    ReadImage,
+    describe_image,
+    read_described_image,
+)
 from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
@@ -138,7 +143,7 @@ class Intake:
             notes = before.notes
         else:
             with _in_turn(record.lines * record.samples > LARGE_PIXELS):
-                image = self._read(name, data, record.stop.mission)
+                image = self._read(name, described)
             self.store.make(recipe, lambda draft: write_bytes(draft, data))
             self.store.make(browse, lambda draft: _write_browse(draft, image))
             notes = image.notes
@@ -173,8 +178,9 @@ class Intake:
         state = PixelState(entry.code, entry.darkened_by)
         return self.tables_for(entry.stop_id.mission, state) != entry.radiometry
 
-    def _read(self, name: str, data: bytes, mission: str) -> ReadImage:
-        image = read_image(data, name, radiometry=self._of(mission))
+    def _read(self, name: str, described: DescribedImage) -> ReadImage:
+        radiometry = self._of(described.image.stop.mission)
+        image = read_described_image(described, name, radiometry=radiometry)
         if not image.mask.any():
             raise PixelError(f"{name}: none of its pixels was measured")
         return image

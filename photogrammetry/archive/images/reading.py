@@ -117,6 +117,17 @@ def read_image(
         PixelError: the pixels contradict the label.
     """
     described = describe_image(data, name, detached_label=detached_label)
+    return read_described_image(described, name, radiometry=radiometry)
+
+
+def read_described_image(
+    described: DescribedImage, name: str, *, radiometry: Radiometry | None = None
+) -> ReadImage:
+    """The same of a file whose label was read.
+
+    Raises:
+        PixelError: the pixels contradict the label.
+    """
     image, label = described.image, described.label
     pixels, mask = _stored_pixels(described, name)
     if label is None:

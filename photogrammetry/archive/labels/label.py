@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
@@ -203,6 +203,7 @@ class _Parser:
                 f"opened in line {self._line(opened.start)}",
                 end,
             )
+        self._tokens.close()  # it refers to this parser: the text of the label is freed at once
         return Label(self._source, self._groups)
 
     def _statement(self, stack: list[_Open]) -> _Token | None:
@@ -302,7 +303,7 @@ class _Parser:
             self._ahead, self._has_ahead = next(self._tokens, None), True
         return self._ahead
 
-    def _tokenise(self) -> Iterator[_Token]:
+    def _tokenise(self) -> Generator[_Token, None, None]:
         position, count = 0, 0
         while position < len(self._text):
             count += 1
