@@ -147,13 +147,14 @@ def _panorama(
     params: PanoramaParams,
     store: ProductStore,
 ) -> Panorama:
-    read = [_read(frame, store) for frame in frames]
-    images = []
-    for one, lsl_from_rover in read:
+    images, poses = [], []
+    for frame in frames:
+        one, lsl_from_rover = _read(frame, store)
+        poses.append(lsl_from_rover)
         camera = one.image.camera.transform(lsl_from_rover)
         images.append(PanoramaImage.of(one.image.id, camera, one.pixels, one.mask))
     terrain = read_stop_dtm(dtm, store) if dtm else None
-    return prepare_panorama(images, _standing_plane(read[0][1], stop), params, terrain)
+    return prepare_panorama(images, _standing_plane(poses[0], stop), params, terrain)
 
 
 def _read(frame: OrientedFrame, store: ProductStore) -> tuple[ReadImage, Pose]:

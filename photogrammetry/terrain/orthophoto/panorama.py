@@ -79,6 +79,10 @@ class PanoramaImage:
     cos_reach: float
     """Cosine of the angle from the axis to the farthest corner, a little enlarged."""
     pixel_deg: float
+    gain: float = 1.0
+    """Factor of its brightness,"""
+    offset: float = 0.0
+    """and what is added."""
 
     @classmethod
     def of(
@@ -95,7 +99,7 @@ class PanoramaImage:
             id=image_id,
             camera=camera_in_lsl,
             size=(samples, lines),
-            pyramid=masked_pyramid(image.astype(np.float32), mask),
+            pyramid=masked_pyramid(np.asarray(image, np.float32), mask),
             fade=border_fade(mask),
             axis=ahead,
             cos_reach=math.cos(min(reach, math.pi)),
@@ -107,11 +111,6 @@ class PanoramaImage:
         """Azimuths and elevations of its field, degrees."""
         rays = self.camera.rays(border_points(self.size))
         return span_of_rays(rays, self.axis)
-
-    def apply_gain(self, gain: float, offset: float) -> PanoramaImage:
-        """The image with another brightness."""
-        levels = (level * np.float32(gain) + np.float32(offset) for level in self.pyramid)
-        return replace(self, pyramid=tuple(levels))
 
     def project(self, ground: ObjectPoints) -> Float64[np.ndarray, "n 2"]:
         """Image points of points in the LSL; far off the image where not visible."""
@@ -136,6 +135,7 @@ class PanoramaImage:
         level = min(level, LEVELS - 1)
         scale = np.float32(0.5**level)
         grey = sample_image(self.pyramid[level], sample * scale, line * scale, cv2.INTER_LINEAR)
+        grey = grey * np.float32(self.gain) + np.float32(self.offset)
         return grey, sample_image(self.fade, *coarse_points(sample, line), cv2.INTER_LINEAR)
 
 
@@ -288,7 +288,10 @@ def prepare_panorama(
     seen = even[np.isfinite(even)]
     return replace(
         draft,
-        images=tuple(image.apply_gain(*own) for image, own in zip(images, gains, strict=True)),
+        images=tuple(
+            replace(image, gain=gain, offset=offset)
+            for image, (gain, offset) in zip(images, gains.tolist(), strict=True)
+        ),
         stretch=black_and_white(seen),
         gains=gains,
     )

@@ -139,7 +139,7 @@ def prepare_orthophoto(
     return OrthophotoRendering(
         dtm=dtm,
         samplers=tuple(
-            sampler.apply_gains(own) for sampler, own in zip(samplers, gains, strict=True)
+            sampler.with_gains(own) for sampler, own in zip(samplers, gains, strict=True)
         ),
         params=params,
         grid=grid,

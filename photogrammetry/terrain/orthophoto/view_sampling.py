@@ -20,7 +20,15 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float32, Float64, GreyImage, Mask, Raster, Vector3
+from solmap.photogrammetry.arrays import (
+    Float32,
+    Float64,
+    GreyImage,
+    Mask,
+    ParallaxMap,
+    Raster,
+    Vector3,
+)
 from solmap.photogrammetry.terrain.dtm.ground import camera_on_map, map_from_pair_rotation
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
@@ -70,8 +78,10 @@ class ViewSampler:
     bands: tuple[Pyramid, ...]
     """The images to sample: the view's own, those through several filters, or none."""
     fade: Float32[np.ndarray, "coarse_lines coarse_samples"]
-    nearest: GreyImage
-    """Matched parallax, 0 where there is none."""
+    parallax: ParallaxMap
+    """Matched parallax; NaN where there is none."""
+    gains: Float32[np.ndarray, "bands 2"]
+    """Factor and offset of the brightness of every band."""
 
     @classmethod
     def of(cls, view: TerrainView, bands: Sequence[GreyImage]) -> ViewSampler:
@@ -86,14 +96,13 @@ class ViewSampler:
             sides=_sides(view) @ rotation.T,
             bands=tuple(masked_pyramid(band, view.mask) for band in bands),
             fade=border_fade(view.mask),
-            nearest=np.where(np.isfinite(view.parallax), view.parallax, 0).astype(np.float32),
+            parallax=view.parallax,
+            gains=np.tile(np.array([1, 0], np.float32), (len(bands), 1)),
         )
 
-    def apply_gains(self, gains: Float64[np.ndarray, "bands 2"]) -> ViewSampler:
-        """The view with (gain, offset) applied to each of its bands."""
-        pairs = zip(self.bands, gains.astype(np.float32), strict=True)
-        bands = (tuple(level * g + o for level in pyramid) for pyramid, (g, o) in pairs)
-        return replace(self, bands=tuple(bands))
+    def with_gains(self, gains: Float64[np.ndarray, "bands 2"]) -> ViewSampler:
+        """The view with another brightness: factor and offset of each of its bands."""
+        return replace(self, gains=gains.astype(np.float32))
 
     def may_show(self, middle: Vector3, radius_m: float) -> bool:
         """Whether the field of view may reach into a sphere (east, north, up)."""
@@ -119,7 +128,7 @@ class ViewSampler:
         line = Y * enlarged + np.float32(self.centre_px[1])
         parallax = enlarged * np.float32(self.base_m)
         farthest = parallax * (1 + np.float32(cell_m) * nearness) + np.float32(HIDDEN_PX)
-        hidden = sample_image(self.nearest, sample, line, cv2.INTER_NEAREST) > farthest
+        hidden = sample_image(self.parallax, sample, line, cv2.INTER_NEAREST) > farthest
         square = ground[0] ** 2 + ground[1] ** 2 + ground[2] ** 2
         facing = -(ground[0] * normal[0] + ground[1] * normal[1] + ground[2] * normal[2])
         fade = sample_image(self.fade, *coarse_points(sample, line), cv2.INTER_LINEAR)
@@ -135,9 +144,9 @@ class ViewSampler:
         self, sample: Raster, line: Raster, level: Raster | None, band: int = 0
     ) -> Raster:
         """Grey values at image points, averaged over 2^level pixels, or over none."""
-        pyramid = self.bands[band]
+        pyramid, (gain, offset) = self.bands[band], self.gains[band]
         if level is None:
-            return sample_image(pyramid[0], sample, line, cv2.INTER_LINEAR)
+            return sample_image(pyramid[0], sample, line, cv2.INTER_LINEAR) * gain + offset
         level = np.clip(level, 0, LEVELS - 1)
         grey = np.zeros_like(sample)
         for number in range(int(level.min()), int(np.ceil(level.max())) + 1):
@@ -145,7 +154,7 @@ class ViewSampler:
             scale = np.float32(0.5**number)
             values = sample_image(pyramid[number], sample * scale, line * scale, cv2.INTER_LINEAR)
             cv2.accumulateProduct(values, share, grey)
-        return grey
+        return grey * gain + offset
 
 
 def _sides(view: TerrainView) -> Float64[np.ndarray, "5 3"]:
