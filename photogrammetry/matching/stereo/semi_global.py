@@ -141,14 +141,14 @@ def noise_level(image: GreyImage, mask: Mask) -> float:
     everywhere. Where even these are textured, the noise is overestimated.
     """
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
-    rough = np.abs(cv2.filter2D(image, -1, kernel))
+    rough = cv2.filter2D(image, -1, kernel)
     inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     if not inner.any():
         return 0.0
-    share = np.where(inner, rough, np.float32(0))
-    blocks = cv2.blur(share, (17, 17)) / np.maximum(
-        cv2.blur(inner.astype(np.float32), (17, 17)), 1e-6
-    )
+    np.abs(rough, out=rough)
+    rough[~inner] = 0
+    blocks, share = (cv2.blur(one, (17, 17)) for one in (rough, inner.astype(np.float32)))
+    np.divide(blocks, np.maximum(share, 1e-6, out=share), out=blocks)
     return float(np.sqrt(np.pi / 2) * np.percentile(blocks[inner][::7], 5))
 
 

@@ -220,28 +220,35 @@ def _pose_variance(ground: _Ground, covariance: PoseCovariance | None) -> PerEnt
 class Levels:
     """Elevation of every cell and its accuracy; NaN where there is no entry."""
 
-    level: PerCell
-    sigma_m: PerCell
-    pose_sigma_m: PerCell
+    level: Float32[np.ndarray, " cells"]
+    sigma_m: Float32[np.ndarray, " cells"]
+    pose_sigma_m: Float32[np.ndarray, " cells"]
 
 
 def fuse(entries: Entries, known: Variances) -> Levels:
     """The weighted mean of every cell's entries."""
     variance = np.maximum(known.own + known.pose, np.float32(TINY_M2)).astype(np.float64)
     weight = 1 / variance
-    several = entries.sums(np.ones_like(weight))[entries.cell] > 1
-    excess = np.ones(entries.grid.rows * entries.grid.cols)
+    several = (np.bincount(entries.cell) > 1)[entries.cell]
+    cells, above = np.empty(0, np.int64), np.empty(0)
     if several.any():
         weight[several], cells, above = _huber_weights(
             entries.cell[several], entries.height[several], variance[several]
         )
-        excess[cells] = np.maximum(1.0, above)
     total = entries.sums(weight)
     with np.errstate(invalid="ignore", divide="ignore"):
-        level = entries.sums(weight * entries.height) / total
-        own = entries.sums(weight**2 * known.own) / total**2 * excess
-        pose = entries.sums(weight * np.sqrt(known.pose)) / total
-        return Levels(level, np.sqrt(own + pose**2), pose)
+        pose = _divide(entries.sums(weight * np.sqrt(known.pose)), total)
+        level = _divide(entries.sums(weight * entries.height), total).astype(np.float32)
+        own = _divide(entries.sums(weight**2 * known.own), np.square(total, out=total))
+        own[cells] *= np.maximum(1.0, above)
+        own += np.square(pose)
+        sigma_m = np.sqrt(own, out=own).astype(np.float32)
+        return Levels(level, sigma_m, pose.astype(np.float32))
+
+
+def _divide(sums: PerCell, by: PerCell) -> PerCell:
+    """The quotient, in place of the sums: a grid of cells is large."""
+    return np.divide(sums, by, out=sums)
 
 
 def _huber_weights(

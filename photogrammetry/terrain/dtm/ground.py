@@ -93,16 +93,18 @@ def trusted_parallax(view: TerrainView, params: SightParams) -> ParallaxMap:
     counting as infinitely far: pixels smoothed between a rock and the ground behind it are few and
     near neither. Patches connected by small steps must reach a smallest size.
     """
-    parallax = np.where(view.mask & np.isfinite(view.parallax), view.parallax, 0.0)
-    parallax = parallax.astype(np.float32)
-    farthest = params.sigma_parallax_px / params.max_relative_sigma
-    parallax[parallax < farthest] = 0.0
-    spike = np.abs(parallax - cv2.medianBlur(parallax, 5)) > params.max_spike_px
-    parallax[spike] = 0.0
-    steps = np.clip(parallax * SUBPIXEL, 0, np.iinfo(np.int16).max).astype(np.int16)
+    farthest = np.float32(params.sigma_parallax_px / params.max_relative_sigma)
+    near = view.mask & (view.parallax >= farthest)  # NaN is not
+    parallax = np.where(near, view.parallax, np.float32(0))
+    spike = cv2.medianBlur(parallax, 5)
+    np.abs(np.subtract(parallax, spike, out=spike), out=spike)
+    parallax[spike > params.max_spike_px] = 0.0
+    np.minimum(np.multiply(parallax, SUBPIXEL, out=spike), np.iinfo(np.int16).max, out=spike)
+    steps = spike.astype(np.int16)
     step = round(largest_step_px(view.geometry.base_m, params) * SUBPIXEL)
     cv2.filterSpeckles(steps, 0, MIN_REGION_PX, step)
-    return np.where(steps > 0, parallax, np.float32(np.nan))
+    parallax[steps <= 0] = np.nan
+    return parallax
 
 
 def largest_step_px(base_m: float, params: SightParams) -> float:

@@ -232,10 +232,8 @@ def _dtm(entries: Entries, fused: Levels) -> Dtm:
     points = entries.sums(entries.points)
     ground = np.where(points > 0, GroundClass.MEASURED, GroundClass.INTERPOLATED)
     ground = np.where(seen, ground, GroundClass.UNSEEN).astype(np.uint8)
-    layers = (fused.level, fused.sigma_m, points, fused.pose_sigma_m)
-    elevation, sigma_m, observations, pose_sigma_m = (
-        layer.reshape(grid.shape).astype(np.float32) for layer in layers
-    )
+    layers = (fused.level, fused.sigma_m, points.astype(np.float32), fused.pose_sigma_m)
+    elevation, sigma_m, observations, pose_sigma_m = (layer.reshape(grid.shape) for layer in layers)
     return Dtm(grid, elevation, sigma_m, observations, ground.reshape(grid.shape), pose_sigma_m)
 
 

@@ -179,16 +179,17 @@ def _triple(path: Path, name: str) -> tuple[float, float, float] | None:
 
 def write_dense(path: Path, dense: DenseMatches) -> None:
     """Write a dense parallax map and its standard deviations."""
-    largest = float(np.nanmax(dense.parallax_px, initial=0.0))
-    step = max(_STEP_PX, largest / _LARGEST)
-    steps = np.rint(np.nan_to_num(dense.parallax_px, nan=0.0) / step)
-    sigma = np.where(np.isfinite(dense.sigma_px), dense.sigma_px, np.float32(_LEAST_SIGMA_PX))
-    codes = np.rint(np.log(np.maximum(sigma, _LEAST_SIGMA_PX) / _LEAST_SIGMA_PX) / _SIGMA_STEP)
+    steps = np.fmax(dense.parallax_px, np.float32(0))  # where not matched, 0
+    step = max(_STEP_PX, float(steps.max(initial=0.0)) / _LARGEST)
+    np.rint(np.divide(steps, np.float32(step), out=steps), out=steps)
+    codes = np.fmax(dense.sigma_px, np.float32(_LEAST_SIGMA_PX))
+    np.log(np.divide(codes, np.float32(_LEAST_SIGMA_PX), out=codes), out=codes)
+    np.rint(np.divide(codes, np.float32(_SIGMA_STEP), out=codes), out=codes)
     write_archive(
         path,
         {"step_px": step, **({"shared": asdict(dense.shared)} if dense.shared else {})},
-        steps=np.clip(steps, 0, _LARGEST).astype(np.uint16),
-        sigma=np.clip(codes, 0, 255).astype(np.uint8),
+        steps=np.minimum(steps, _LARGEST, out=steps).astype(np.uint16),
+        sigma=np.minimum(codes, 255, out=codes).astype(np.uint8),
     )
 
 
