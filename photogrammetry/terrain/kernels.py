@@ -325,6 +325,32 @@ def _between(plane: np.ndarray, y: int, x: int, s: np.float32, t: np.float32) ->
     return upper + t * (lower - upper)
 
 
+@compiled("indices", "indices", "per_point", ("int64", "int64"))
+def places_in_fan(
+    rows: np.ndarray, cols: np.ndarray, fan: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
+    """Index of every cell among the samples of profiles around a camera; -1 beyond them.
+
+    Args:
+        rows: Of the cells, and
+        cols: their columns.
+        fan: Position of the map's upper left corner east and north of the camera, and side of a
+            cell, metres; first azimuth and their step, radians.
+        size: Ranges and azimuths of the samples.
+    """
+    west, north, cell_m, first, step = fan
+    ranges, azimuths = size
+    found = np.full(len(rows), -1, np.int64)
+    for k in range(len(rows)):
+        x, y = west + (cols[k] + 0.5) * cell_m, north - (rows[k] + 0.5) * cell_m
+        distance = int(np.hypot(x, y) / cell_m)
+        turn = (np.arctan2(x, y) - first) % (2 * np.pi)
+        azimuth = int(np.rint(turn / step))
+        if distance < ranges and azimuth < azimuths:
+            found[k] = distance * azimuths + azimuth
+    return found
+
+
 @compiled("image", "row", "row", "row", "float32", "float32")
 def hidden_along(
     height: np.ndarray,

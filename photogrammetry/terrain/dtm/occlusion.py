@@ -40,7 +40,7 @@ from solmap.photogrammetry.terrain.dtm.ground import (
     reach_m,
 )
 from solmap.photogrammetry.terrain.dtm.records import GroundClass, TerrainView
-from solmap.photogrammetry.terrain.kernels import hidden_along
+from solmap.photogrammetry.terrain.kernels import hidden_along, places_in_fan
 from solmap.photogrammetry.threads import in_threads
 
 LINES = 1.0
@@ -182,23 +182,11 @@ class _Fan:
         self, grid: MapGrid, rows: np.ndarray, cols: np.ndarray, *marks: Marks | None
     ) -> list[np.ndarray]:
         """Marks of the profiles at cells of the grid; False beyond the fan."""
-        east = np.float32(grid.west - self.eye[0]) + (cols + np.float32(0.5)) * np.float32(
-            grid.cell_m
-        )
-        north = np.float32(grid.north - self.eye[1]) - (rows + np.float32(0.5)) * np.float32(
-            grid.cell_m
-        )
-        distance = (np.hypot(east, north) / np.float32(self.cell_m)).astype(np.int32)
-        turn = np.mod(np.arctan2(east, north) - np.float32(self.first), np.float32(2 * np.pi))
-        azimuth = np.rint(turn / np.float32(self.step)).astype(np.int32)
-        inside = (distance < self.ranges) & (azimuth < self.azimuths)
-        found = []
-        for mark in marks:
-            if mark is not None:
-                at = np.zeros(len(rows), dtype=np.bool_)
-                at[inside] = mark[distance[inside], azimuth[inside]]
-                found.append(at)
-        return found
+        corner = grid.west - self.eye[0], grid.north - self.eye[1]
+        fan = np.array([*corner, self.cell_m, self.first, self.step])
+        place = places_in_fan(rows, cols, fan, (self.ranges, self.azimuths))
+        inside = place >= 0
+        return [inside & mark.ravel()[place] for mark in marks if mark is not None]
 
 
 def _field(view: TerrainView) -> tuple[float, float]:
