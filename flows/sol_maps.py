@@ -49,7 +49,7 @@ from solmap.tasks.network.orientations import (
     orient_pairs,
     read_orientations,
 )
-from solmap.tasks.network.previews import preview_pair
+from solmap.tasks.network.previews import preview_pairs
 
 Matched = Mapping[StopId, list[PairProducts]]
 Key = tuple[Any, str]
@@ -186,7 +186,7 @@ def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched)
 
 
 def preview_jobs(inputs: SolInputs, matched: Matched, mapped: Collection[StopId]) -> dict[Key, Job]:
-    """Jobs for previews, if enabled: terrain of mapped stops, matches of all pairs."""
+    """Jobs for previews, if enabled: terrain of mapped stops, matches of the pairs of all stops."""
     if not inputs.config.previews:
         return {}
     stage, store = f"sol {inputs.sol}: preview terrain and matches", inputs.workspace.store
@@ -194,12 +194,12 @@ def preview_jobs(inputs: SolInputs, matched: Matched, mapped: Collection[StopId]
     def of_terrain(dtm: Key) -> Job:
         return Job(stage, lambda made: preview_terrain.submit(made[dtm], store), needs=[dtm])
 
-    def of_pair(pair: PairProducts) -> Job:
-        return Job(stage, lambda _: preview_pair.submit(pair, inputs.config.sparse, store))
+    def of_pairs(stop: StopId, pairs: list[PairProducts]) -> Job:
+        params = inputs.config.sparse
+        return Job(stage, lambda _: preview_pairs.submit(stop, tuple(pairs), params, store))
 
     terrain = {(stop, "picture"): of_terrain((stop, "dtm")) for stop in mapped}
-    pairs = [pair for of_stop in matched.values() for pair in of_stop]
-    return terrain | {(pair.files.id, "picture"): of_pair(pair) for pair in pairs}
+    return terrain | {(stop, "matches"): of_pairs(stop, matched[stop]) for stop in matched}
 
 
 def map_far_ground(
@@ -253,7 +253,7 @@ def _match_wide_pairs(
         if later in report.postponed:
             continue
         with keep_going(unsubmitted, (later, f"{earlier} - {later}")):
-            chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
+            chosen = choose_wide_pairs(oriented[later], oriented[earlier], params, store)
             for eyes in chosen:
                 futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
     done, failed = wait_for(f"sol {report.sol}: match pairs across stops", futures)

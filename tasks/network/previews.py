@@ -13,7 +13,9 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import EightBits, PerPoint
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.alignment import AlignmentParams
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
@@ -52,10 +54,29 @@ FROM_ABOVE = (
 )
 
 
-@stage(task_run_name="preview-{pair.files.id}")
-def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
-    """Matches of a pair: points, matches by residual, dense parallax, parallax curve."""
+@stage(task_run_name="preview-{stop}")
+def preview_pairs(
+    stop: StopId,  # noqa: ARG001 - names the task
+    pairs: tuple[PairProducts, ...],
+    params: SparseParams,
+    store: ProductStore,
+) -> tuple[ProductRef, ...]:
+    """Matches of each pair of a stop: points, matches by residual, dense parallax, parallax curve.
 
+    A pair that cannot be drawn does not stop the others; its error is raised after them.
+    """
+    made, errors = [], []
+    for pair in pairs:
+        try:
+            made.append(_preview_pair(pair, params, store))
+        except (MatchingError, ProductError) as error:
+            errors.append(error)
+    if errors:
+        raise errors[0]
+    return tuple(made)
+
+
+def _preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
     def write(path: Path) -> None:
         turn = read_right_turn(store.path(pair.matches))
         images = read_epipolar(pair.files, turn, store)

@@ -70,7 +70,7 @@ BY_COMMAND = {
 NOT_REACHED = {"render_colour"}
 """Stages of the flow that thumbnails of one filter do not come to."""
 KEEPS_STOPS = {
-    "preview_pair",
+    "preview_pairs",
     "preview_terrain",
     "tie_stop",
     "tie_singles",
