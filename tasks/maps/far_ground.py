@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.arrays import ObjectPoints, Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StereoMatches, StopId
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.stereo.wide_baseline import (
-    InstrumentLimits,
     WideBaselineImage,
     WideBaselineMatches,
     WideParams,
@@ -40,6 +41,9 @@ from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of
 from solmap.tasks.scopes import pair_scope, stop_scope
 from solmap.tasks.stage import stage
+
+FEWEST_SHARED = 10
+"""Fewest matches of far ground of one image that the other must show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +74,10 @@ def wide_id(eyes: tuple[OrientedPair, OrientedPair]) -> str:
 def choose_wide_pairs(
     ones: Iterable[OrientedPair],
     others: Iterable[OrientedPair],
-    limits: InstrumentLimits,
+    params: WideParams,
     store: ProductStore,
 ) -> list[tuple[OrientedPair, OrientedPair]]:
-    """The wide-baseline pairs of two stops, chosen without reading their images."""
+    """The wide-baseline pairs of two stops that share far ground, chosen by their matches only."""
     sides: tuple[dict[str, list[_Outlook]], ...] = ({}, {})
     for side, pairs in zip(sides, (ones, others), strict=True):
         for pair in pairs:
@@ -83,25 +87,41 @@ def choose_wide_pairs(
     return [
         (one.pair, other.pair)
         for instrument in sorted(sides[0].keys() & sides[1].keys())
-        for one, other in select_wide_pairs(sides[0][instrument], sides[1][instrument], limits)
+        for one, other in select_wide_pairs(
+            sides[0][instrument], sides[1][instrument], params.limits
+        )
+        if one.shares_far_ground(other, params.nearest_bases)
     ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Outlook:
-    """Position and view direction of an oriented pair, from its matches."""
+    """Position and view direction of an oriented pair, and the ground of its matches."""
 
     pair: OrientedPair
+    geometry: EpipolarPair
+    lsl_from_pair: Pose
     centre: Vector3
     view: Vector3
+    ground: ObjectPoints
+    """In the LSL, metres."""
 
     @classmethod
     def of(cls, pair: OrientedPair, store: ProductStore) -> _Outlook:
-        geometry, _ = read_matches(store.path(pair.products.matches))
+        geometry, matches = read_matches(store.path(pair.products.matches))
         pose = pair.orientation.lsl_from(geometry.rover_from_pair.source)
         half = np.array([(geometry.samples - 1) / 2, (geometry.lines - 1) / 2])
         ray = np.r_[(half - geometry.centre_px) / geometry.focal_px, 1.0]
-        return cls(pair, pose.translation_m, pose.rotation @ ray / np.linalg.norm(ray))
+        view = pose.rotation @ ray / np.linalg.norm(ray)
+        ground = pose.apply(geometry.triangulate(matches.left, matches.parallax_px))
+        return cls(pair, geometry, pose, pose.translation_m, view, ground)
+
+    def shares_far_ground(self, other: _Outlook, nearest_bases: float) -> bool:
+        """Whether the other image shows enough of this one's matches that are far enough away."""
+        least_m = nearest_bases * np.linalg.norm(other.centre - self.centre)
+        far = self.ground[np.linalg.norm(self.ground - self.centre, axis=1) >= least_m]
+        image_points, _ = other.geometry.project(other.lsl_from_pair.inverse.apply(far))
+        return int(other.geometry.shows(image_points).sum()) >= FEWEST_SHARED
 
 
 @stage(task_run_name="wide-{one.orientation.pair_id}")
