@@ -133,7 +133,13 @@ class ResourceMeter:
         }
 
 
-_ARENA_MAX = -8
+_ARENA_MAX, _MMAP_THRESHOLD, _TRIM_THRESHOLD = -8, -3, -1
+"""Options of `mallopt` (glibc)."""
+_KEPT_BYTES = 128 << 20
+"""Free memory at the end of the heap that is kept for the next arrays, as large as those of some
+images: a page that is returned and requested again must be cleared each time."""
+_OWN_MAPPING_BYTES = 32 << 20
+"""Arrays from this size on are mapped alone, and returned when they are freed: glibc's limit."""
 
 
 def use_one_heap() -> None:
@@ -142,7 +148,10 @@ def use_one_heap() -> None:
     The heaps of glibc, one a thread, each keep what they once held: a run of three stops kept 3 GB.
     """
     with suppress(OSError, AttributeError):  # another C library
-        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(_ARENA_MAX, 1)
+        mallopt(_MMAP_THRESHOLD, _OWN_MAPPING_BYTES)
+        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
 def return_free_memory() -> None:
