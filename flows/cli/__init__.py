@@ -31,6 +31,7 @@ from solmap.flows.cli import (
     traverse,
 )
 from solmap.flows.cli.console import fail, note
+from solmap.products.store.process import use_one_thread_a_call
 
 _UNEXPECTED, _INTERRUPTED = 70, 130
 _WITH_FLOWS = {"ties", "traverse", "orbital", "control", "poses", "dip", "simulate", "stl"}
@@ -70,6 +71,7 @@ class Commands(TyperGroup):
         """Run the named command."""
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")
+        use_one_thread_a_call()
         if "--help" not in sys.argv:
             from solmap.config.settings import unknown_variables  # noqa: PLC0415 - slow to import
 

@@ -38,7 +38,7 @@ from solmap.config.settings import PREFIX, Settings
 from solmap.flows.runtime.children import Child, module_command
 from solmap.photogrammetry.compiled import load_compiler
 from solmap.products.store.faults import require_writable
-from solmap.products.store.process import use_one_heap
+from solmap.products.store.process import use_one_heap, use_one_thread_a_call
 
 log = logging.getLogger(__name__)
 BY_COMMAND = "by-command"
@@ -81,6 +81,7 @@ them, by all its migrations, as for the rest of its start."""
 def prepare_engine(store: Path) -> None:
     """Set what Prefect reads at import; call before the first import of a flow."""
     use_one_heap()
+    use_one_thread_a_call()
     days = Settings().history_days
     defaults = {
         "PREFECT_HOME": str(store.resolve() / "prefect"),
@@ -94,8 +95,6 @@ def prepare_engine(store: Path) -> None:
         "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs,orphans",
         "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(days * _DAY_S),
         "PREFECT_SERVER_EVENTS_RETENTION_PERIOD": f"P{min(days, _EVENT_DAYS)}D",
-        # Small-block linear algebra is far slower with two BLAS threads than with one.
-        "OPENBLAS_NUM_THREADS": "1",
         # Megabytes of blocks: a raster is read once; the default is a twentieth of the memory.
         "GDAL_CACHEMAX": "64",
     }
