@@ -113,7 +113,7 @@ def _stops_of(sol: int, inputs: SolInputs, standing: Standing) -> frozenset[Stop
 
 
 def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
-    """Make and publish the layers of the stops, the quality report, and previews."""
+    """Make and publish the layers of the stops, the quality report, and previews of terrain."""
     inputs, report, standing = waves.inputs, waves.report, waves.report.standing
     unsubmitted: dict[str, str] = {}
     jobs: dict[Key, Job] = {}
@@ -123,7 +123,7 @@ def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
     if network is not None:
         jobs |= _quality_job(network, matched, inputs)
     mapped = {stop for stop, what in jobs if what == "dtm"} - report.postponed
-    jobs |= preview_jobs(inputs, matched, mapped)
+    jobs |= preview_jobs(inputs, mapped)
     first = [(stop, what) for stop, what in jobs if stop in waves.new and what in FIRST]
     jobs = {key: job if key in first else job.only_after(first) for key, job in jobs.items()}
     _note_failures(report, jobs, run_jobs(jobs, waves.settled)[1])

@@ -49,7 +49,6 @@ from solmap.tasks.network.orientations import (
     orient_pairs,
     read_orientations,
 )
-from solmap.tasks.network.previews import preview_pairs
 
 Matched = Mapping[StopId, list[PairProducts]]
 Key = tuple[Any, str]
@@ -185,21 +184,16 @@ def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched)
     return {(stop, "panorama"): job(stop) for stop in stops}
 
 
-def preview_jobs(inputs: SolInputs, matched: Matched, mapped: Collection[StopId]) -> dict[Key, Job]:
-    """Jobs for previews, if enabled: terrain of mapped stops, matches of the pairs of all stops."""
+def preview_jobs(inputs: SolInputs, mapped: Collection[StopId]) -> dict[Key, Job]:
+    """Jobs for previews of the terrain of mapped stops, if enabled."""
     if not inputs.config.previews:
         return {}
-    stage, store = f"sol {inputs.sol}: preview terrain and matches", inputs.workspace.store
+    stage, store = f"sol {inputs.sol}: preview terrain", inputs.workspace.store
 
     def of_terrain(dtm: Key) -> Job:
         return Job(stage, lambda made: preview_terrain.submit(made[dtm], store), needs=[dtm])
 
-    def of_pairs(stop: StopId, pairs: list[PairProducts]) -> Job:
-        params = inputs.config.sparse
-        return Job(stage, lambda _: preview_pairs.submit(stop, tuple(pairs), params, store))
-
-    terrain = {(stop, "picture"): of_terrain((stop, "dtm")) for stop in mapped}
-    return terrain | {(stop, "matches"): of_pairs(stop, matched[stop]) for stop in matched}
+    return {(stop, "picture"): of_terrain((stop, "dtm")) for stop in mapped}
 
 
 def map_far_ground(

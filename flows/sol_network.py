@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
+from prefect.futures import PrefectFuture
+
 from solmap.flows.runtime.failures import keep_going, wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, candidates
@@ -17,10 +19,11 @@ from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef
 from solmap.products.store.process import return_free_memory
 from solmap.tasks.images.manual_ties import read_edit_requests, requests_within
-from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.images.pairs import PairProducts, clear_right_images
 from solmap.tasks.mission.control import holds_control_of
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.network.orientations import Standing
+from solmap.tasks.network.previews import preview_pairs
 from solmap.tasks.network.singles import (
     SingleFile,
     drop_repeats,
@@ -57,19 +60,21 @@ def adjust_stops(
         for name, pairs in matched.items()
         if pairs
     }
-    ties, failed = wait_for(
-        f"sol {sol}: tie pairs within stops",
-        {
-            name: tie_stop.submit(
-                stop, telemetry[name], config.inter_stereo, store, previews=config.previews
-            )
-            for name, stop in stops.items()
-        },
-    )
+    tied = {
+        name: tie_stop.submit(
+            stop, telemetry[name], config.inter_stereo, store, previews=config.previews
+        )
+        for name, stop in stops.items()
+    }
+    previews = _preview_matches(stops, inputs)  # while one worker ties the pairs of a stop
+    ties, failed = wait_for(f"sol {sol}: tie pairs within stops", tied)
     report.add_failures("tie", failed)
     stops = {name: replace(stop, ties=ties.get(name)) for name, stop in stops.items()}
     links = _link(inputs, stops, report)
     singles = _tie_singles(inputs, stops, report)
+    _, undrawn = wait_for(f"sol {sol}: preview matches", previews)
+    report.add_failures("preview the matches of", undrawn)
+    clear_right_images()
     step = NetworkStep(
         mission=inputs.mission.mission,
         sol=sol,
@@ -92,6 +97,17 @@ def adjust_stops(
     )
     report.add_failures("adjust sol", undone)
     return done.get(sol)
+
+
+def _preview_matches(
+    stops: Mapping[StopId, StopProducts], inputs: SolInputs
+) -> dict[StopId, PrefectFuture[tuple[ProductRef, ...]]]:
+    """Tasks that draw previews of the matches of every stop, if enabled."""
+    params, store = inputs.config.sparse, inputs.workspace.store
+    drawn = stops if inputs.config.previews else {}
+    return {
+        name: preview_pairs.submit(name, stop.pairs, params, store) for name, stop in drawn.items()
+    }
 
 
 def _link(inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolReport) -> Links:

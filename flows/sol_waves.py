@@ -143,7 +143,7 @@ def outcome_of(inputs: SolInputs, report: SolReport) -> Outcome:
 def _refs(key: Key, made: Any) -> tuple[Sequence[ProductRef], Sequence[ProductRef]]:  # noqa: ANN401
     """The layers of a job, and its other products."""
     match key[1]:
-        case "picture" | "matches":
+        case "picture":
             return (), ()
         case "quality":
             return (), made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -9,8 +10,17 @@ from typing import TypeVar
 
 THREADS = 2
 """As many as stages run at a time; each view that is worked on takes some 50 MB."""
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"}
+"""Environment in which NumPy and OpenCV use one thread for a call: where two calls run at a time,
+further threads only wait for each other."""
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+
+def use_one_thread_a_call() -> None:
+    """Set `ONE_THREAD`, unless the user has set it; call before NumPy is imported."""
+    for name, value in ONE_THREAD.items():
+        os.environ.setdefault(name, value)
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:

@@ -31,7 +31,7 @@ from solmap.flows.cli import (
     traverse,
 )
 from solmap.flows.cli.console import fail, note
-from solmap.products.store.process import use_one_thread_a_call
+from solmap.photogrammetry.threads import use_one_thread_a_call
 
 _UNEXPECTED, _INTERRUPTED = 70, 130
 _WITH_FLOWS = {"ties", "traverse", "orbital", "control", "poses", "dip", "simulate", "stl"}

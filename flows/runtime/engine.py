@@ -37,8 +37,9 @@ from pathlib import Path
 from solmap.config.settings import PREFIX, Settings
 from solmap.flows.runtime.children import Child, module_command
 from solmap.photogrammetry.compiled import load_compiler
+from solmap.photogrammetry.threads import use_one_thread_a_call
 from solmap.products.store.faults import require_writable
-from solmap.products.store.process import use_one_heap, use_one_thread_a_call
+from solmap.products.store.process import use_one_heap
 
 log = logging.getLogger(__name__)
 BY_COMMAND = "by-command"

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Mask, Raster
+from solmap.photogrammetry.matching import kernels
 
 LEVEL_FACING = 0.1
 """Tangent of the angle between ray and facet at which the bias is b lines."""
@@ -61,8 +62,8 @@ NO_BIAS = HeightBias()
 
 def metres_per_line(
     up: Raster,
-    north_m: Float32[np.ndarray, "rows 1"],
-    east_m: Float32[np.ndarray, "1 cols"],
+    north_m: Float32[np.ndarray, " rows"],
+    east_m: Float32[np.ndarray, " cols"],
     mast_m: float,
     focal_px: float,
 ) -> Raster:
@@ -75,14 +76,10 @@ def metres_per_line(
         mast_m: Elevation of the camera.
         focal_px: Focal length, pixels.
     """
-    cell_m = float(east_m[0, 1] - east_m[0, 0])
-    away_m = np.maximum(np.hypot(north_m, east_m), cell_m)
-    by_row, by_col = np.gradient(up, cell_m)
-    tangent = (mast_m - up + by_col * east_m - by_row * north_m) / away_m
-    tangent = np.where(np.isfinite(tangent), tangent, mast_m / away_m)
-    line_m = np.hypot(away_m, mast_m) / focal_px
-    facing = np.maximum(tangent, LEAST_TANGENT) / LEVEL_FACING
-    return (line_m * facing**-0.5).astype(np.float32)
+    cell_m = east_m[1] - east_m[0]
+    camera = np.float32(mast_m), np.float32(focal_px), cell_m
+    facing = np.float32(LEAST_TANGENT), np.float32(LEVEL_FACING)
+    return kernels.metres_per_line(up, north_m, east_m, camera, facing)
 
 
 def mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
@@ -95,8 +92,10 @@ def mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
     known, raster = known[part], raster[part]
     density = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_cells)
     values = np.where(known, raster, np.float32(0))
-    blurred = cv2.GaussianBlur(values, (0, 0), sigma_cells) / np.maximum(density, 1e-6)
-    mean[part] = np.where(density < least, np.float32(np.nan), blurred)
+    blurred = cv2.GaussianBlur(values, (0, 0), sigma_cells, dst=values)
+    np.divide(blurred, np.maximum(density, 1e-6), out=blurred)
+    blurred[density < least] = np.nan
+    mean[part] = blurred
     return mean
 
 

@@ -800,3 +800,40 @@ def foerstner(xx: np.ndarray, xy: np.ndarray, yy: np.ndarray) -> tuple[np.ndarra
             w[y, x] = determinant / trace
             q[y, x] = FOUR * determinant / (trace * trace)
     return w, q
+
+
+@compiled("image", "row", "row", ("float32",) * 3, ("float32",) * 2)
+def metres_per_line(
+    up: np.ndarray,
+    north_m: np.ndarray,
+    east_m: np.ndarray,
+    camera: tuple[np.float32, np.float32, np.float32],
+    facing: tuple[np.float32, np.float32],
+) -> np.ndarray:
+    """Height bias of every cell for b = 1, metres; see `height_bias`.
+
+    Args:
+        up: Smoothed elevations, north up; NaN where the slope is unknown.
+        north_m: Of the rows from the camera,
+        east_m: and of the columns, east.
+        camera: Its elevation, metres; focal length, pixels; and the side of a cell, metres.
+        facing: Least tangent of the angle between ray and facet, and that at which the bias is b.
+    """
+    mast_m, focal_px, cell_m = camera
+    least, level = facing
+    rows, cols = up.shape
+    metres = np.empty_like(up)
+    for row in range(rows):
+        above, below = max(row - 1, 0), min(row + 1, rows - 1)
+        for col in range(cols):
+            before, after = max(col - 1, 0), min(col + 1, cols - 1)
+            by_row = (up[below, col] - up[above, col]) / (np.float32(below - above) * cell_m)
+            by_col = (up[row, after] - up[row, before]) / (np.float32(after - before) * cell_m)
+            x, y = east_m[col], north_m[row]
+            away_m = max(np.sqrt(x * x + y * y), cell_m)
+            tangent = (mast_m - up[row, col] + by_col * x - by_row * y) / away_m
+            if not np.isfinite(tangent):
+                tangent = mast_m / away_m
+            line_m = np.sqrt(away_m * away_m + mast_m * mast_m) / focal_px
+            metres[row, col] = line_m / np.sqrt(max(tangent, least) / level)
+    return metres

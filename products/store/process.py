@@ -16,7 +16,6 @@ import ctypes
 import fcntl
 import json
 import logging
-import os
 import resource
 import time
 from collections.abc import Iterator, Mapping
@@ -141,17 +140,6 @@ _KEPT_BYTES = 128 << 20
 images: a page that is returned and requested again must be cleared each time."""
 _OWN_MAPPING_BYTES = 32 << 20
 """Arrays from this size on are mapped alone, and returned when they are freed: glibc's limit."""
-
-
-ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"}
-"""Environment in which NumPy and OpenCV use one thread for a call. Stages run at the same time, so
-further threads only wait for each other: for a tenth of the kernel time of three stops."""
-
-
-def use_one_thread_a_call() -> None:
-    """Set `ONE_THREAD`, unless the user has; call before NumPy is imported."""
-    for name, value in ONE_THREAD.items():
-        os.environ.setdefault(name, value)
 
 
 def use_one_heap() -> None:

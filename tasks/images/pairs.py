@@ -178,10 +178,15 @@ def stored_parallax(parallax: ProductRef, store: ProductStore) -> StoredParallax
     return StoredParallax.read(store.path(parallax))
 
 
+def clear_right_images() -> None:
+    """Free the memory of the right images that are kept: maps need the left ones only."""
+    read_epipolar.cache_clear()
+
+
 def clear_images() -> None:
     """Free the memory of the images and parallaxes that are kept."""
     read_left.cache_clear()
-    read_epipolar.cache_clear()
+    clear_right_images()
     stored_parallax.cache_clear()
 
 

@@ -212,9 +212,9 @@ class HeightGrid:
     def too_high_m(self, sigma_m: float) -> Raster:
         """Height bias of cells per line of b, with slopes smoothed by a Gaussian."""
         half = self.up.shape[0] / 2 - 0.5
-        east = ((np.arange(self.up.shape[1]) - half) * self.cell_m).astype(np.float32)[None]
+        east = ((np.arange(self.up.shape[1]) - half) * self.cell_m).astype(np.float32)
         up = self.smooth(sigma_m)
-        return metres_per_line(up, -east.T, east, self.mast_m, self.focal_px)
+        return metres_per_line(up, -east, east, self.mast_m, self.focal_px)
 
     def smooth(self, sigma_m: float) -> Raster:
         """Heights smoothed by a Gaussian, NaN where it covers too little."""

@@ -200,7 +200,7 @@ def _without_height_bias(dtm: Dtm, views: Sequence[TerrainView]) -> Dtm:
     up = mean_of_known(dtm.elevation, FACET_M / dtm.grid.cell_m, LEAST_KNOWN)
     focal_px = min(view.geometry.focal_px for view in views)
     east, north = east - np.float32(camera[0]), north - np.float32(camera[1])
-    metres = metres_per_line(up, north[:, None], east[None], float(camera[2]), focal_px)
+    metres = metres_per_line(up, north, east, float(camera[2]), focal_px)
     elevation = dtm.elevation - np.float32(bias.lines) * metres
     sigma_m = np.hypot(dtm.sigma_m, np.float32(bias.sigma) * metres)
     return replace(dtm, elevation=elevation, sigma_m=sigma_m)
