@@ -54,6 +54,18 @@ def test_two_stops_that_face_each_other_are_linked_under_another_sun(link):
     assert link.figures.handed_on <= link.figures.ties  # those that hardly share their ground
 
 
+def test_where_no_peak_is_clear_the_hypothesis_with_most_ties_is_linked(first, second_stop, link):
+    unclear = replace(
+        PARAMS,
+        surface_matching=replace(PARAMS.surface_matching, enabled=False),
+        link_test=replace(PARAMS.link_test, clear_z=1e3),
+    )
+    found = tie_cross_site(first, second_stop, unclear)
+    assert found.linked, found.reason
+    apart_m = found.earlier_from_later.translation_m - link.earlier_from_later.translation_m
+    assert np.linalg.norm(apart_m) < 0.1
+
+
 def test_the_link_finds_the_position_of_the_rover(link, first_stand, second_stand):
     true = first_stand.true.inverse @ second_stand.true
     reported = first_stand.reported.inverse @ second_stand.reported

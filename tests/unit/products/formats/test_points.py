@@ -74,7 +74,7 @@ def test_tiles_of_points_add_up_to_the_cloud(tmp_path, cloud):
     assert root["children"][0]["refine"] == "ADD"
 
 
-VIEWER = Path(__file__).resolve().parents[3] / "gis_server" / "viewer"
+VIEWER = Path(__file__).resolve().parents[4] / "gis_server" / "viewer"
 LOADER = VIEWER / "node_modules" / "three" / "examples" / "jsm" / "loaders" / "PLYLoader.js"
 READ = """
 import { readFileSync } from "node:fs";
