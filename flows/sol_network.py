@@ -72,9 +72,6 @@ def adjust_stops(
     stops = {name: replace(stop, ties=ties.get(name)) for name, stop in stops.items()}
     links = _link(inputs, stops, report)
     singles = _tie_singles(inputs, stops, report)
-    _, undrawn = wait_for(f"sol {sol}: preview matches", previews)
-    report.add_failures("preview the matches of", undrawn)
-    clear_right_images()
     step = NetworkStep(
         mission=inputs.mission.mission,
         sol=sol,
@@ -96,6 +93,9 @@ def adjust_stops(
         f"sol {sol}: adjust the network", {sol: adjust_network.submit(step, params, store)}
     )
     report.add_failures("adjust sol", undone)
+    _, undrawn = wait_for(f"sol {sol}: preview matches", previews)
+    report.add_failures("preview the matches of", undrawn)
+    clear_right_images()
     return done.get(sol)
 
 
@@ -105,9 +105,7 @@ def _preview_matches(
     """Tasks that draw previews of the matches of every stop, if enabled."""
     params, store = inputs.config.sparse, inputs.workspace.store
     drawn = stops if inputs.config.previews else {}
-    return {
-        name: preview_pairs.submit(name, stop.pairs, params, store) for name, stop in drawn.items()
-    }
+    return {name: preview_pairs.submit(stop.pairs, params, store) for name, stop in drawn.items()}
 
 
 def _link(inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolReport) -> Links:

@@ -277,7 +277,7 @@ def _draw_vectors(axes: Axes, network: AdjustedNetwork, rows: np.ndarray, size: 
     lines = np.stack([seen.left[rows], ends], axis=1)
     across = np.array([network.ties.kinds[k] == TieKind.CROSS_SITE for k in seen.point[rows]])
     for some, colour in ((~across, INK), (across, WARM)):
-        drawn = lines[some].reshape(-1, 2)  # one path is drawn in a tenth of the time of many
+        drawn = lines[some].reshape(-1, 2)  # one path has fewer bytes than many
         codes = np.tile(np.array([Path.MOVETO, Path.LINETO], Path.code_type), len(drawn) // 2)
         axes.add_patch(PathPatch(Path(drawn, codes), fill=False, ec=colour, lw=0.5))
     axes.set_title(f"residuals, {times:.0f} times larger (red: cross-site)", fontsize=9)

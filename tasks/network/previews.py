@@ -15,7 +15,6 @@ from solmap.photogrammetry.arrays import EightBits, PerPoint
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.alignment import AlignmentParams
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
@@ -54,12 +53,9 @@ FROM_ABOVE = (
 )
 
 
-@stage(task_run_name="preview-{stop}")
+@stage(task_run_name="preview-matches-{pairs[0].files.stop}")
 def preview_pairs(
-    stop: StopId,  # noqa: ARG001 - names the task
-    pairs: tuple[PairProducts, ...],
-    params: SparseParams,
-    store: ProductStore,
+    pairs: tuple[PairProducts, ...], params: SparseParams, store: ProductStore
 ) -> tuple[ProductRef, ...]:
     """Matches of each pair of a stop: points, matches by residual, dense parallax, parallax curve.
 

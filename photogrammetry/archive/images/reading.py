@@ -123,7 +123,12 @@ def read_image(
 def read_described_image(
     described: DescribedImage, name: str, *, radiometry: Radiometry | None = None
 ) -> ReadImage:
-    """The same of a file whose label was read.
+    """Record, grey values and mask of an image file whose label was read.
+
+    Args:
+        described: the file with its label.
+        name: its name; part of every message.
+        radiometry: tables of coded pixels and flat fields, where there are any.
 
     Raises:
         PixelError: the pixels contradict the label.

@@ -96,11 +96,10 @@ def trusted_parallax(view: TerrainView, params: SightParams) -> ParallaxMap:
     farthest = np.float32(params.sigma_parallax_px / params.max_relative_sigma)
     near = view.mask & (view.parallax >= farthest)  # NaN is not
     parallax = np.where(near, view.parallax, np.float32(0))
-    spike = cv2.medianBlur(parallax, 5)
-    np.abs(np.subtract(parallax, spike, out=spike), out=spike)
-    parallax[spike > params.max_spike_px] = 0.0
-    np.minimum(np.multiply(parallax, SUBPIXEL, out=spike), np.iinfo(np.int16).max, out=spike)
-    steps = spike.astype(np.int16)
+    off = cv2.medianBlur(parallax, 5)
+    np.abs(np.subtract(parallax, off, out=off), out=off)
+    parallax[off > params.max_spike_px] = 0.0
+    steps = np.minimum(parallax * np.float32(SUBPIXEL), np.iinfo(np.int16).max).astype(np.int16)
     step = round(largest_step_px(view.geometry.base_m, params) * SUBPIXEL)
     cv2.filterSpeckles(steps, 0, MIN_REGION_PX, step)
     parallax[steps <= 0] = np.nan
