@@ -21,9 +21,10 @@ from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
 from solmap.photogrammetry.matching.cross_site.gate import level_pose, search_gate
+from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, Trials
-from solmap.photogrammetry.matching.cross_site.surface_alignment import HeightGrid, register
+from solmap.photogrammetry.matching.cross_site.surface_alignment import register
 from solmap.photogrammetry.matching.cross_site.surface_matching import HYPOTHESIS_SIGMAS
 from solmap.photogrammetry.matching.records import MatchedPair
 from tests.support.husband_truth import true_pose
@@ -59,9 +60,10 @@ def link_errors(one: SimulatedStop, other: SimulatedStop) -> Iterator[str]:
     """A line for the surfaces and one for the images."""
     stops, true = (one.matched, other.matched), one.true.inverse @ other.true
     start = Pose(one.stop.frame, other.stop.frame, true.rotation, true.translation_m)
-    grids = [HeightGrid.of(stop, PARAMS.surface_matching.surface) for stop in stops]
+    surface = PARAMS.surface_matching.surface
+    grids = [GroundGrid.of(stop, surface.cell_m, surface.farthest_m) for stop in stops]
     prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
-    found = register(*grids, level_pose(*stops, start), prior, PARAMS.surface_matching.surface)
+    found = register(*grids, level_pose(*stops, start), prior, surface)
     if found is not None:
         level, turn = found.pose, one.matched.lsl_from_rover.rotation.T
         rotation = turn @ level.rotation @ other.matched.lsl_from_rover.rotation

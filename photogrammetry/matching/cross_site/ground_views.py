@@ -42,8 +42,9 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeView,
     draw_birds_eye,
 )
+from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid
 from solmap.photogrammetry.matching.cross_site.light import relighting, slopes
-from solmap.photogrammetry.matching.cross_site.surface_alignment import HeightGrid, SurfaceParams
+from solmap.photogrammetry.matching.cross_site.surface_alignment import SurfaceParams
 from solmap.photogrammetry.matching.records import MatchedStop
 
 SLOPE_STEP_M = 0.25
@@ -297,7 +298,7 @@ class StopViews:
     stop: MatchedStop
     birds_eye: BirdsEyeView
     views: tuple[GroundView, ...]
-    _heights: dict[SurfaceParams, HeightGrid] = field(default_factory=dict, init=False)
+    _heights: dict[SurfaceParams, GroundGrid] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, stop: MatchedStop, params: BirdsEyeParams) -> StopViews:
@@ -308,10 +309,10 @@ class StopViews:
         views = tuple(GroundView.of(TieView(pair), surface, level) for pair in stop.pairs)
         return cls(stop, seen, views)
 
-    def heights(self, params: SurfaceParams) -> HeightGrid:
+    def heights(self, params: SurfaceParams) -> GroundGrid:
         """The heights of its ground, computed once."""
         if params not in self._heights:
-            self._heights[params] = HeightGrid.of(self.stop, params)
+            self._heights[params] = GroundGrid.of(self.stop, params.cell_m, params.farthest_m)
         return self._heights[params]
 
     @property

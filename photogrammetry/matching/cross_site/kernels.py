@@ -90,23 +90,24 @@ def sum_ground(
     return sums
 
 
-@compiled("image", *CAMERA, "float64", GRID)
-def sum_heights(
-    parallax: np.ndarray,
+@compiled(("image", "image"), *CAMERA, "float64", GRID)
+def sum_facets(
+    rasters: tuple[np.ndarray, np.ndarray],
     camera: np.ndarray,
     rotation: np.ndarray,
     origin: np.ndarray,
     farthest_m: float,
     grid: tuple[float, float, int],
 ) -> np.ndarray:
-    """Weights, one over the squared range, and weighted elevations of points that are not crests.
+    """Weights, one over the squared range, and weighted elevations and grey values of facets.
 
     A point of parallax p on the ray (x, y, 1) / f is in range and faces the camera where p exceeds
-    a limit that depends on the ray and, for facing, on the slope of the parallax. What is compared
-    with the heights so summed is described in `surface_alignment`.
+    a limit that depends on the ray and, for facing, on the slope of the parallax: crests are left
+    out. What is compared with these sums is described in `surface_alignment`.
 
     Args:
-        parallax: (lines, samples), pixels; NaN where there is none.
+        rasters: Parallax in pixels, NaN where there is none, and the left image, both of shape
+            (lines, samples).
         camera: (4,), pixel metres and pixels.
         rotation: (3, 3), level frame from pair.
         origin: (3,), the left camera in the level frame, metres.
@@ -115,9 +116,11 @@ def sum_heights(
             and columns.
 
     Returns:
-        (2, cells): sum of weights, one per square metre; sum of these times metres above the rover.
+        (3, cells): sum of weights, one per square metre; sums of these times metres above the
+        rover, and times grey values.
     """
-    sums = np.zeros((2, grid[2] * grid[2]))
+    parallax, grey = rasters
+    sums = np.zeros((3, grid[2] * grid[2]))
     k, focal = GRADIENT_PX, camera[1]
     for line in range(k, parallax.shape[0] - k):
         v = line - camera[3]
@@ -143,4 +146,59 @@ def sum_heights(
                 weight = 1 / (z * ray) ** 2
                 sums[0, cell] += weight
                 sums[1, cell] -= weight * (_along(rotation[2], x, y) * z + origin[2])
+                sums[2, cell] += weight * grey[line, sample]
     return sums
+
+
+@compiled("image", "image", "points", "per_point", ("float64", "float64", "float64"))
+def height_differences(
+    earlier: np.ndarray,
+    later: np.ndarray,
+    rotation: np.ndarray,
+    shift: np.ndarray,
+    limits: tuple[float, float, float],
+) -> np.ndarray:
+    """Elevations of the earlier stop above those of the later one, on the grid of the latter.
+
+    NaN where either is unknown or where one stop sees the place from much further away.
+
+    Args:
+        earlier: (size, size), metres above the rover, interpolated between known cells.
+        later: (size, size), the same of the later stop.
+        rotation: (3, 3), earlier level frame from later one.
+        shift: (3,), the same, metres.
+        limits: Side of a cell, metres; least weight of known cells; largest ratio of the ranges,
+            beyond a metre.
+    """
+    cell_m, least, ratio = limits
+    differences = np.full_like(later, np.nan)
+    size, half = later.shape[0], later.shape[0] / 2 - 0.5
+    there, middle = earlier.shape[0], earlier.shape[0] / 2 - 0.5
+    for row in range(size):
+        north = (half - row) * cell_m
+        for col in range(size):
+            up = later[row, col]
+            if not up == up:  # noqa: PLR0124, SIM201 - NaN
+                continue
+            east = (col - half) * cell_m
+            y = rotation[0, 0] * north + rotation[0, 1] * east - rotation[0, 2] * up + shift[0]
+            x = rotation[1, 0] * north + rotation[1, 1] * east - rotation[1, 2] * up + shift[1]
+            down = rotation[2, 0] * north + rotation[2, 1] * east - rotation[2, 2] * up + shift[2]
+            near, far = np.hypot(north, east), np.hypot(x, y)
+            if not (far < ratio * near + 1 and near < ratio * far + 1):
+                continue
+            u, v = x / cell_m + middle, middle - y / cell_m
+            i, j = int(np.floor(u)), int(np.floor(v))
+            if i < 0 or j < 0 or i >= there - 1 or j >= there - 1:
+                continue
+            a, b = u - i, v - j
+            weight = total = 0.0
+            for k in range(4):
+                value = earlier[j + k // 2, i + k % 2]
+                if value == value:  # noqa: PLR0124 - not NaN
+                    part = (a if k % 2 else 1 - a) * (b if k // 2 else 1 - b)
+                    weight += part
+                    total += part * value
+            if weight > least:
+                differences[row, col] = total / weight + down
+    return differences

@@ -33,15 +33,16 @@ from solmap.photogrammetry.arrays import Flags, Float64, Int32, ObjectPoints, Pe
 from solmap.photogrammetry.cameras.epipolar import projection_partials
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
     HEIGHTS,
     MOTION,
     RELIEF,
     Cells,
-    HeightGrid,
     Registration,
     SurfaceParams,
     register,
+    without_noise,
 )
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
 from solmap.photogrammetry.ranges import Count, Metres
@@ -134,7 +135,7 @@ def significance(found: Registration) -> float:
 
 
 def try_shapes(
-    grids: tuple[HeightGrid, HeightGrid],
+    grids: tuple[GroundGrid, GroundGrid],
     starts: Sequence[Pose],
     elsewhere: Sequence[Pose],
     apart_m: float,
@@ -182,38 +183,49 @@ class Blocks:
         return Blocks(*(column[rows] for column in columns))
 
 
-def find_blocks(cells: Cells, params: SurfaceTieParams) -> Blocks:
-    """The blocks with the most certain shifts, from the cells at the solution."""
-    square = np.floor(cells.places[:, :2] / params.block_m).astype(np.int64) @ (10_000, 1)
+def find_blocks(cells: Sequence[Cells], params: SurfaceTieParams) -> Blocks:
+    """The blocks with the most certain shifts, from the cells at the solution.
+
+    The first cells are those of heights.
+    """
+    heights, places = cells[0], np.vstack([some.places for some in cells])[:, :2]
+    square = np.floor(places / params.block_m).astype(np.int64) @ (10_000, 1)
     block = np.unique(square, return_inverse=True)[1].ravel()
-    blocks = int(block.max()) + 1
-    g, weighted = cells.by_shift, cells.by_shift * cells.weight[:, None]
-    normal, right = np.zeros((blocks, 3, 3)), np.zeros((blocks, 3))
-    np.add.at(normal, block, weighted[:, :, None] * g[:, None, :])
-    np.add.at(right, block, -weighted * cells.residual_m[:, None])
-    used = np.bincount(block[cells.weight > 0], minlength=blocks) >= params.least_cells
+    blocks, of_heights = int(block.max()) + 1, block[: len(heights.weight)]
+    squares, noise, right = (np.zeros((blocks, 3, n)) for n in (3, 3, 1))
+    weight, g, d, r = (
+        np.concatenate([getattr(some, name) for some in cells])
+        for name in ("weight", "by_shift", "disagreement", "residual")
+    )
+    for total, one, other in ((squares, g, g), (noise, d, d), (right, -g, r[:, None])):
+        np.add.at(total, block, (one * weight[:, None])[:, :, None] * other[:, None, :])
+    kept = np.bincount(of_heights[heights.weight > 0], minlength=blocks)
+    used = kept >= params.least_cells
     if not used.any():
         return Blocks(*(np.zeros((0, 3)),) * 3, np.zeros((0, 3, 3)))
-    root = np.linalg.cholesky(normal[used] + 1e-6 * np.eye(3))
-    scatter = robust_sigma(np.linalg.solve(root, right[used][:, :, None])) ** 2
-    covariance = np.linalg.inv(normal / scatter + np.eye(3) / LOOSE_M**2)
-    shift = (covariance @ right[:, :, None])[:, :, 0] / scatter
-    middle = _middles(cells, block, blocks)
-    size = np.where(used, np.linalg.det(covariance), np.inf)
-    order = np.argsort(size, kind="stable")[: params.most]
-    best = order[np.isfinite(size[order])]
-    places = cells.places.copy()
-    places[:, 2] -= cells.residual_m
-    return Blocks(places[middle], cells.arms[middle], shift, covariance).select(best)
+    squares, right = squares[used] + 1e-6 * np.eye(3), right[used]
+    scatter = robust_sigma(np.linalg.solve(np.linalg.cholesky(squares), right)) ** 2
+    signal = without_noise(squares, noise[used])
+    passed = signal @ np.linalg.inv(squares) / scatter
+    covariance = np.linalg.inv(passed @ signal + np.eye(3) / LOOSE_M**2)
+    shift = (covariance @ passed @ right)[:, :, 0]
+    best = np.argsort(np.linalg.det(covariance), kind="stable")[: params.most]
+    middle = _middles(heights, of_heights, blocks)[used][best]
+    ground = heights.places[middle]
+    ground[:, 2] -= heights.residual[middle]
+    return Blocks(ground, heights.arms[middle], shift[best], covariance[best])
 
 
 def _middles(cells: Cells, block: np.ndarray, blocks: int) -> Int32[np.ndarray, " blocks"]:
-    """The cell nearest to the middle of those of each block."""
+    """The cell nearest to the middle of those of each block; any where there is none."""
     places = cells.places[:, :2]
-    count = np.bincount(block, minlength=blocks)
+    count = np.maximum(np.bincount(block, minlength=blocks), 1)
     middle = np.column_stack([np.bincount(block, axis, blocks) / count for axis in places.T])
     order = np.lexsort((np.linalg.norm(places - middle[block], axis=1), block))
-    return order[np.unique(block[order], return_index=True)[1]].astype(np.int32)
+    first = np.zeros(blocks, np.int32)
+    blocks_with, rows = np.unique(block[order], return_index=True)
+    first[blocks_with] = order[rows]
+    return first
 
 
 def tie_by_surface(

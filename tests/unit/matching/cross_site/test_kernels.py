@@ -56,8 +56,9 @@ def test_ground_is_summed_in_its_cells(parallax, rotation, rng):
     np.testing.assert_allclose(found, sums, rtol=1e-9, atol=1e-9)
 
 
-def test_heights_are_weighted_by_range_and_exclude_crests(parallax, rotation):
-    found = kernels.sum_heights(parallax, CAMERA, rotation, ORIGIN, 9.0, GRID)
+def test_facets_are_weighted_by_range_and_exclude_crests(parallax, rotation, rng):
+    grey = rng.uniform(50, 200, parallax.shape).astype(np.float32)
+    found = kernels.sum_facets((parallax, grey), CAMERA, rotation, ORIGIN, 9.0, GRID)
     places, cell = ground(parallax, rotation)
     p, k = parallax.astype(float), kernels.GRADIENT_PX
     line, sample = np.indices(p.shape)
@@ -77,7 +78,8 @@ def test_heights_are_weighted_by_range_and_exclude_crests(parallax, rotation):
     assert 50 < used.sum() < 0.9 * ((cell >= 0)[:, ::2]).sum()
     weight = (CAMERA[0] / p[used] * ray[used]) ** -2
     sums = [
-        np.bincount(cell[used], some, SIZE * SIZE) for some in (weight, -weight * places[used, 2])
+        np.bincount(cell[used], some, SIZE * SIZE)
+        for some in (weight, -weight * places[used, 2], weight * grey[used])
     ]
     np.testing.assert_allclose(found, sums, rtol=1e-6, atol=1e-9)
 
@@ -89,3 +91,30 @@ def test_the_rover_itself_is_not_part_of_the_ground():
     rasters = parallax, np.ones((1, 3), bool), np.ones((1, 3), np.float32)
     sums = kernels.sum_ground(rasters, camera, north, np.zeros(3), 1.0, GRID)
     assert sums[0].sum() == 1
+
+
+def test_heights_differ_where_both_stops_know_them(rng):
+    earlier, later = rng.normal(0.0, 0.1, (2, 40, 40)).astype(np.float32)
+    earlier[10:14, 20:24] = later[5:9, 5:9] = np.nan
+    rotation = Rotation.from_rotvec([0.02, -0.01, 0.3]).as_matrix()
+    shift, cell_m, half = np.array([0.31, -0.42, 0.05]), 0.1, 19.5
+    limits = (cell_m, 0.5, 1.5)
+    found = kernels.height_differences(earlier, later, rotation, shift, limits)
+    row, col = np.nonzero(np.isfinite(later))
+    here = np.column_stack([(half - row) * cell_m, (col - half) * cell_m, -later[row, col]])
+    there = here @ rotation.T + shift
+    u, v = there[:, 1] / cell_m + half, half - there[:, 0] / cell_m
+    near, far = np.hypot(*here[:, :2].T), np.hypot(*there[:, :2].T)
+    used = (u > 0) & (v > 0) & (u < 39) & (v < 39)
+    used &= (far < 1.5 * near + 1) & (near < 1.5 * far + 1)
+    expected = np.full_like(later, np.nan)
+    for k in np.flatnonzero(used):
+        i, j = int(u[k]), int(v[k])
+        four = earlier[j : j + 2, i : i + 2].astype(float)
+        a, b = u[k] - i, v[k] - j
+        weight = np.outer([1 - b, b], [1 - a, a]) * np.isfinite(four)
+        if weight.sum() > 0.5:
+            mean = np.nansum(weight * four) / weight.sum()
+            expected[row[k], col[k]] = mean + there[k, 2]
+    assert 500 < np.isfinite(expected).sum() < used.sum()
+    np.testing.assert_allclose(found, expected, atol=1e-6)

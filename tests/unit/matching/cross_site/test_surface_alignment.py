@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
-    HeightGrid,
     SurfaceParams,
     register,
 )
@@ -57,7 +57,7 @@ def seen_from(ground, north_m, east_m, lines=0.0):
     rise = (by_row * place[:, None] + by_col * place[None, :]) / cell_m / far
     tangent = np.maximum((MAST_M - up) / far + rise, 0.03)
     up += lines * np.hypot(far, MAST_M) / FOCAL_PX * np.sqrt(0.1 / tangent)
-    return HeightGrid(cell_m, up.astype(np.float32), MAST_M, SCALE_PX_M, FOCAL_PX)
+    return GroundGrid(cell_m, up.astype(np.float32), MAST_M, SCALE_PX_M, FOCAL_PX)
 
 
 def registered(ground, lines=0.0, suns=(SUN, SUN)):
@@ -106,7 +106,7 @@ def test_the_range_between_stops_has_the_uncertainty_of_a_parallax_bias(exact):
 def test_suns_from_opposite_sides_add_an_error_of_all_ground(ground, exact):
     across = registered(ground, suns=(SUN, SUN * [-1.0, 1.0, 1.0]))[2]
     added = across.covariance - exact[2].covariance
-    share, cells = 0.6, across.cells  # half the difference of the two directions
+    share, cells = 0.6, across.cells[0]  # half the difference of the two directions
     arm = np.average(cells.arms, axis=0, weights=cells.weight)
     middle = np.hstack([np.cross(np.eye(3), arm).T, np.eye(3)])  # motion of the middle
     shift2 = (share * PARAMS.shared_shift_m) ** 2

@@ -7,8 +7,8 @@ from solmap.photogrammetry.cameras.epipolar import projection_partials
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.gate import level_pose
+from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
-    HeightGrid,
     SurfaceParams,
     register,
 )
@@ -32,7 +32,8 @@ def stops(first_stop, second_stop):
 
 @pytest.fixture(scope="module")
 def grids(stops):
-    first, second = (HeightGrid.of(stop, PARAMS.surface) for stop in stops)
+    surface = PARAMS.surface
+    first, second = (GroundGrid.of(s, surface.cell_m, surface.farthest_m) for s in stops)
     return first, second
 
 
@@ -124,13 +125,27 @@ def test_stops_without_common_ground_are_not_aligned(grids, true):
     assert register(*grids, moved(true, 60, 0, 0), PRIOR, PARAMS.surface) is None
 
 
-def test_level_ground_determines_no_place(grids, true):
-    flat = [
-        replace(grid, up=np.where(np.isfinite(grid.up), 0.0, np.nan).astype(np.float32))
+def levelled(grids, **changes):
+    return [
+        replace(grid, up=np.where(np.isfinite(grid.up), 0.0, np.nan).astype(np.float32), **changes)
         for grid in grids
     ]
-    laid = register(*flat, true, PRIOR, PARAMS.surface)
+
+
+def test_level_ground_determines_no_place(grids, true):
+    laid = register(*levelled(grids, brightness=None), true, PRIOR, PARAMS.surface)
     assert np.sqrt(laid.covariance[3, 3]) > 0.2
+
+
+def test_brightness_of_level_ground_determines_its_place(grids, true):
+    start = moved(true, 0.03, -0.02, 0.0)
+    laid = register(*levelled(grids), start, PRIOR, PARAMS.surface)
+    across = np.array([-true.translation_m[1], true.translation_m[0], 0.0])
+    across /= np.linalg.norm(across)
+    off_m = across @ (laid.pose.translation_m - true.translation_m)
+    sigma_m = np.sqrt(across @ laid.covariance[3:, 3:] @ across)
+    assert sigma_m < 0.03
+    assert abs(off_m) < 3 * sigma_m
 
 
 @pytest.mark.parametrize("wrong", [{"block_m": 0.0}, {"least_cells": 0}, {"most": 3}])

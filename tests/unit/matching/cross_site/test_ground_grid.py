@@ -1,0 +1,51 @@
+"""Brightness of the ground around a stop: what of it is the same under any sun."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from solmap.photogrammetry.matching.cross_site.ground_grid import SHADOW_WAVE_M, GroundGrid
+
+CELL_M, SIZE = 0.05, 240
+
+
+@pytest.fixture
+def albedo(rng):
+    noise = rng.normal(size=(SIZE, SIZE)).astype(np.float32)
+    return np.exp(0.5 * cv2.GaussianBlur(noise, (0, 0), 1.5))
+
+
+@pytest.fixture
+def grid(albedo):
+    level = np.zeros((SIZE, SIZE), np.float32)
+    return GroundGrid(CELL_M, level, 1.5, 240.0, 1200.0, brightness=albedo)
+
+
+def test_detail_is_albedo_whatever_the_exposure_and_its_gradient(grid, albedo):
+    slope = np.linspace(0.5, 2.0, SIZE, dtype=np.float32)[None, :]
+    other = replace(grid, brightness=40 * slope * albedo)
+    inside = (slice(20, -20),) * 2
+    assert np.corrcoef(grid.detail[inside].ravel(), other.detail[inside].ravel())[0, 1] > 0.999
+    assert np.std(grid.detail[inside]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_shadows_have_no_detail_and_change_none_beside_them(grid, albedo):
+    dark = albedo.copy()
+    dark[100:108, 100:108] *= 0.3
+    shaded = replace(grid, brightness=dark)
+    assert np.isnan(shaded.detail[102:106, 102:106]).all()
+    aside = round(2 * SHADOW_WAVE_M / CELL_M)
+    far = np.ones((SIZE, SIZE), bool)
+    far[100 - aside : 108 + aside, 100 - aside : 108 + aside] = False
+    np.testing.assert_allclose(shaded.detail[far], grid.detail[far], atol=0.05)
+    near = ~far
+    near[92:116, 92:116] = False
+    known = np.isfinite(shaded.detail) & near
+    assert known.mean() > 0.9 * near.mean()
+    assert np.corrcoef(shaded.detail[known], grid.detail[known])[0, 1] > 0.95
+
+
+def test_a_grid_without_brightness_has_no_detail(grid):
+    assert np.isnan(replace(grid, brightness=None).detail).all()
