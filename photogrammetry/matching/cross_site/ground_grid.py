@@ -3,10 +3,10 @@
 Both are means over the facets that the dense parallax of all pairs determines well
 (`kernels.sum_facets`).
 
-**Detail** is what brightness tells about a position under any sun: albedo. Cast shadows, which
-change places with the sun, are left out; of the rest the logarithm is taken, so that a slowly
-varying illumination is an addend, and its mean over 30 cm is subtracted. Shading by slopes remains.
-It is reversed under opposite suns, which makes two stops less alike, but it displaces nothing: the
+**Detail** is the part of brightness that is alike under any sun: albedo. Cast shadows, which change
+places with the sun, are left out; of the rest the logarithm is taken, so that a slowly varying
+illumination is an addend, and its mean over 30 cm is subtracted. Shading by slopes remains. It is
+reversed under opposite suns, which makes two stops less alike, but it displaces nothing: the
 correlation of two slopes of the same relief is symmetric about zero shift. Correlation of shadows
 is not.
 """

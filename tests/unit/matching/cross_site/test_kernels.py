@@ -93,7 +93,7 @@ def test_the_rover_itself_is_not_part_of_the_ground():
     assert sums[0].sum() == 1
 
 
-def test_heights_differ_where_both_stops_know_them(rng):
+def test_heights_are_compared_where_known_at_both_stops(rng):
     earlier, later = rng.normal(0.0, 0.1, (2, 40, 40)).astype(np.float32)
     earlier[10:14, 20:24] = later[5:9, 5:9] = np.nan
     rotation = Rotation.from_rotvec([0.02, -0.01, 0.3]).as_matrix()
