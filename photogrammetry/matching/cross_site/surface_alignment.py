@@ -155,7 +155,7 @@ class SurfaceParams:
     bias_parallax_px: PixelsOrZero = 0.03
     """Standard deviation of the error common to all parallaxes of both stops by which heights are
     displaced."""
-    bias_line_px: Pixels = 0.5
+    bias_line_px: Pixels = 1.0
     """b: prior standard deviation of the height bias, in lines."""
     shared_shift_m: MetresOrZero = 0.006
     """Standard deviation, per axis, of the horizontal displacement of all common ground under suns
