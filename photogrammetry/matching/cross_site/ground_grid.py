@@ -86,7 +86,7 @@ class GroundGrid:
 
     @classmethod
     def of(cls, stop: MatchedStop, cell_m: float, farthest_m: float) -> GroundGrid:
-        """From everything nearer than this that the pairs of a stop measured well."""
+        """From everything nearer than `farthest_m` that the pairs of a stop measured well."""
         size = 2 * round(farthest_m / cell_m)
         total, grid = np.zeros((3, size * size)), (cell_m, size / 2 * cell_m, size)
         for pair in stop.pairs:

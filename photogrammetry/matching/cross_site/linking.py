@@ -8,10 +8,11 @@
    difference follows from the elevations of the common ground, the tilt from telemetry, which is
    accurate to tenths of a degree by gravity.
 3. Under every hypothesis the surface of the later stop is registered to that of the earlier one
-   (`surface_alignment`). Where relief correlates far better than anywhere else, surfaces decide:
-   blocks of ground become surface-matched ties (`surface_matching`), which determine bearing, range
-   and height, and image-matched ties (5.) are added if their pose agrees. Under opposite suns lit
-   faces and shadows are interchanged, and image-matched ties may be decimetres off.
+   (`surface_alignment`), by heights and by brightness. Where relief correlates far better than
+   anywhere else, surfaces decide: blocks of ground become surface-matched ties
+   (`surface_matching`), which determine bearing, range and height, and image-matched ties (5.) are
+   added if their pose agrees. Under opposite suns lit faces and shadows are interchanged, and
+   image-matched ties may be decimetres off.
 4. Where relief is too low to decide, the sparse matches of each stop are predicted into the pairs
    of the other one (`candidates`) and matched there on the ground (`image_matching`), and a robust
    rigid alignment counts how many agree in space (`alignment`). The best hypothesis is tested again
