@@ -2,11 +2,11 @@
 
 After registration of two stops' surfaces (`surface_alignment`), every block of ground has a
 remaining shift with a covariance: along the normal of every cell, so best in height, and
-horizontally as well as relief and, where it is alike, brightness permit. A block becomes a tie: a point of the earlier stop's ground,
-exact by definition, and its image at the later stop, with standard deviations of sample, line and
-parallax from the covariance of the block's shift. Surface-matched ties therefore constrain relative
-bearing, range and height, each with its own weight, and the adjustment still estimates the pointing
-of pairs.
+horizontally as well as relief and, where it is alike, brightness permit. A block becomes a tie: a
+point of the earlier stop's ground, exact by definition, and its image at the later stop, with
+standard deviations of sample, line and parallax from the covariance of the block's shift.
+Surface-matched ties therefore constrain relative bearing, range and height, each with its own
+weight, and the adjustment still estimates the pointing of pairs.
 
 The covariances of blocks are scaled by the scatter of their shifts. Errors common to all blocks do
 not average out; they are included in the covariance C of the registration. An adjustment treats
