@@ -140,11 +140,11 @@ class GroundGrid:
         return np.linalg.norm(from_mast, axis=1)[:, None] * from_mast / self.scale_px_m
 
     def too_high_m(self, sigma_m: float) -> Raster:
-        """Height bias of cells per line of b, with slopes smoothed by a Gaussian."""
+        """Height bias of heights smoothed by a Gaussian, for one line of b."""
         half = self.up.shape[0] / 2 - 0.5
         east = ((np.arange(self.up.shape[1]) - half) * self.cell_m).astype(np.float32)
         up = self.smooth(sigma_m)
-        return metres_per_line(up, -east, east, self.mast_m, self.focal_px)
+        return self._mean(metres_per_line(up, -east, east, self.mast_m, self.focal_px), sigma_m)
 
     def smooth(self, sigma_m: float) -> Raster:
         """Heights smoothed by a Gaussian, NaN where it covers too little."""

@@ -86,7 +86,6 @@ from solmap.photogrammetry.ranges import (
     Metres,
     MetresOrZero,
     Pixels,
-    PixelsOrZero,
     Radians,
 )
 from solmap.photogrammetry.robust import robust_sigma
@@ -152,9 +151,6 @@ class SurfaceParams:
     """Farthest ground: beyond it Navcam lines are more than 30 cm apart on level ground."""
     sigma_parallax_px: Pixels = 0.1
     """Standard deviation of dense parallax."""
-    bias_parallax_px: PixelsOrZero = 0.03
-    """Standard deviation of the error common to all parallaxes of both stops by which heights are
-    displaced."""
     bias_line_px: Pixels = 1.0
     """b: prior standard deviation of the height bias, in lines."""
     shared_shift_m: MetresOrZero = 0.006
@@ -259,9 +255,8 @@ class Registration:
     """Correlation of the common relief."""
     area_m2: float
     """Area of the common ground."""
-    cells: tuple[Cells, ...]
-    """Cells at which the motion was found, by heights and by brightness, with weights that allow
-    for their common errors."""
+    cells: Cells
+    """Cells whose heights were compared."""
     height_bias: HeightBias
     """Height bias of both stops in lines; estimated where heights are compared."""
 
@@ -472,13 +467,13 @@ def register(
         found = _iterate([heights, brightness], (pose, moved), known, params.rounds)
         if found is not None and brightness.is_alike(found[0]):
             pose, moved, cells = found
-    drift = params.bias_parallax_px * _drift(earlier, later, pose, cells[0].places)
+    drift = SHARED_PARALLAX_PX * _drift(earlier, later, pose, cells[0].places)
     sun = _sun_difference(earlier.sun, later.sun)
     shared_motions = _shared_motions(cells[0], params) * sun
-    covariance, cells = _covariance(cells, known, drift, shared_motions)
+    covariance = _covariance(cells, known, drift, shared_motions)
     area_m2 = len(cells[0].weight) * max(sigma_m, earlier.cell_m) ** 2
     bias = HeightBias(float(moved[LINES]), float(covariance[LINES, LINES] ** 0.5))
-    return Registration(pose, covariance[:MOTION, :MOTION], correlation, area_m2, cells, bias)
+    return Registration(pose, covariance[:MOTION, :MOTION], correlation, area_m2, cells[0], bias)
 
 
 def _iterate(
@@ -535,27 +530,22 @@ def _covariance(
     known: Float64[np.ndarray, "8 8"],
     drift: ObjectPoints,
     shared_motions: Float64[np.ndarray, "8 m"],
-) -> tuple[Float64[np.ndarray, "8 8"], tuple[Cells, ...]]:
-    """(covariance of all unknowns, cells with weights that include their correlation).
+) -> Float64[np.ndarray, "8 8"]:
+    """Covariance of all unknowns.
 
     Common to all cells are the drift of those of heights, and motions of all ground.
     """
     middle = np.vstack([some.places for some in cells])[:, :2]
     square = np.floor(middle / CLUSTER_M).astype(np.int64) @ (10_000, 1)
     block = np.unique(square, return_inverse=True)[1].ravel()
-    blocks = np.zeros((int(block.max()) + 1, UNKNOWNS))
-    normal, kept = np.zeros((2, UNKNOWNS, UNKNOWNS))
+    blocks, normal = np.zeros((int(block.max()) + 1, UNKNOWNS)), known.copy()
     for some, own in zip(cells, _split(block, cells), strict=True):
         np.add.at(blocks, own, some.design * (some.weight * some.residual)[:, None])
-        signal = some.normal()
-        normal, kept = normal + some.steepness * signal, kept + signal
-    squares = blocks.T @ blocks
-    inverse = np.linalg.inv(normal + known)
-    shared = float(np.trace(inverse @ squares @ inverse @ kept)) / UNKNOWNS
+        normal += some.steepness * some.normal()
+    inverse = np.linalg.inv(normal)
     off = cells[0].steepness * inverse @ cells[0].scores_of(drift)
     common = np.column_stack([off, shared_motions])
-    covariance = inverse @ (squares + known) @ inverse + common @ common.T
-    return covariance, tuple(replace(some, weight=some.weight / max(shared, 1.0)) for some in cells)
+    return inverse @ (blocks.T @ blocks + known) @ inverse + common @ common.T
 
 
 def _split(values: np.ndarray, cells: tuple[Cells, ...]) -> list[np.ndarray]:

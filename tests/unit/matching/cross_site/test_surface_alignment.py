@@ -14,6 +14,7 @@ from solmap.photogrammetry.matching.cross_site.surface_alignment import (
     SurfaceParams,
     register,
 )
+from solmap.photogrammetry.matching.cross_site.tie_weights import SHARED_PARALLAX_PX
 from solmap.photogrammetry.matching.height_bias import mean_of_known
 
 PARAMS = SurfaceParams(farthest_m=15.0)
@@ -99,14 +100,14 @@ def test_the_range_between_stops_has_the_uncertainty_of_a_parallax_bias(exact):
     ahead = AWAY.translation_m / np.linalg.norm(AWAY.translation_m)
     along_m = np.sqrt(ahead @ found.covariance[3:, 3:] @ ahead)
     half_m = np.linalg.norm(AWAY.translation_m) / 2
-    least_m = 2 * PARAMS.bias_parallax_px / SCALE_PX_M * half_m**2
+    least_m = 2 * SHARED_PARALLAX_PX / SCALE_PX_M * half_m**2
     assert least_m < along_m < 3 * least_m
 
 
 def test_suns_from_opposite_sides_add_an_error_of_all_ground(ground, exact):
     across = registered(ground, suns=(SUN, SUN * [-1.0, 1.0, 1.0]))[2]
     added = across.covariance - exact[2].covariance
-    share, cells = 0.6, across.cells[0]  # half the difference of the two directions
+    share, cells = 0.6, across.cells  # half the difference of the two directions
     arm = np.average(cells.arms, axis=0, weights=cells.weight)
     middle = np.hstack([np.cross(np.eye(3), arm).T, np.eye(3)])  # motion of the middle
     shift2 = (share * PARAMS.shared_shift_m) ** 2

@@ -110,15 +110,48 @@ def weight_of(ties, stops, found):
     return known
 
 
-def test_all_ties_together_have_the_information_of_the_surface_fit(stops, found):
-    unknowns = len(found.covariance)
-    reported = weight_of(tie_by_surface(stops, found, PARAMS), stops, found)
-    assert unknowns / 3 < np.trace(reported @ found.covariance) < unknowns
-    loose = replace(found, covariance=100 * found.covariance)
-    reported = weight_of(tie_by_surface(stops, loose, PARAMS), stops, loose)
-    assert (
-        unknowns / 2 < np.trace(reported @ loose.covariance) < unknowns
-    )  # ties hardly add their own
+def directions(true):
+    """Partial motions of the later stop: azimuth, range, shift across."""
+    ahead = np.array([*true.translation_m[:2], 0.0]) / np.linalg.norm(true.translation_m[:2])
+    azimuth = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    across = np.array([-ahead[1], ahead[0], 0.0])
+    return np.array([azimuth, [0, 0, 0, *ahead], [0, 0, 0, *across]])
+
+
+def test_ties_determine_the_pose_as_well_as_the_registration(stops, found, true):
+    ties = tie_by_surface(stops, found, PARAMS)
+    by_ties = np.linalg.inv(weight_of(ties, stops, found))
+    some = directions(true)
+    stated, reached = (
+        np.sqrt(np.diag(some @ covariance @ some.T)) for covariance in (found.covariance, by_ties)
+    )
+    assert (np.abs(np.log(reached / stated)) < np.log(1.55)).all()
+    loose = tie_by_surface(stops, replace(found, covariance=100 * found.covariance), PARAMS)
+    np.testing.assert_allclose(loose.second_sigma_px, 10 * ties.second_sigma_px)
+
+
+def points_of(ties, pairs, which):
+    """Points of ties in the rover frame, by their first or second measurement."""
+    number, left, parallax_px = (
+        getattr(ties, name.format(which)) for name in ("{}", "{}_left", "{}_parallax_px")
+    )
+    shapes = [pairs[k].geometry for k in number]
+    return np.array(
+        [
+            g.rover_from_pair.apply(g.triangulate(p[None], d[None]))[0]
+            for g, p, d in zip(shapes, left, parallax_px, strict=True)
+        ]
+    )
+
+
+def test_ties_lie_at_the_registered_pose(stops, found):
+    ties = tie_by_surface(stops, found, PARAMS)
+    pairs = [pair for stop in stops for pair in stop.pairs]
+    first, second = (
+        points_of(ties, pairs, which) @ stop.lsl_from_rover.rotation.T
+        for which, stop in zip(("first", "second"), stops, strict=True)
+    )
+    np.testing.assert_allclose(found.pose.apply(second), first, atol=1e-6)
 
 
 def test_stops_without_common_ground_are_not_aligned(grids, true):
