@@ -373,17 +373,15 @@ def _veto(request: EditRequest, images: dict[str, ManualImage]) -> Veto | None:
 
 def _network_of(stops: Collection[StopId], mission: OrientedMission) -> Network:
     """The network of two stops, as far as its pairs were matched."""
-    geometries, pivots, attitudes = {}, {}, {}
+    geometries, attitudes = {}, {}
     for pair in mission.pairs.values():
         if pair.stop not in stops:
             continue
         entry = mission.workspace.catalogue.image(pair.pair_id)
         matches = matches_of(entry, mission.workspace) if entry.partner else None
         if matches is not None:
-            image = mission.record(entry)
             geometries[pair.pair_id] = geometry_of(matches, mission.workspace)
-            pivots[pair.pair_id] = image.mast_in_rover
-            attitudes[pair.stop] = image.attitude_measured_by
+            attitudes[pair.stop] = mission.record(entry).attitude_measured_by
     known = mission.network
     priors = {
         stop: StopPrior(
@@ -391,7 +389,7 @@ def _network_of(stops: Collection[StopId], mission: OrientedMission) -> Network:
         )
         for stop in stops
     }
-    return part_of(known.adjusted, priors, geometries, pivots)
+    return part_of(known.adjusted, priors, geometries)
 
 
 def _answer(

@@ -31,7 +31,7 @@ unit of a parallax that is never observed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,6 +81,9 @@ class EpipolarPair:
     centre_px: tuple[float, float]
     samples: int
     lines: int
+    mast_in_rover: tuple[float, float, float] | None = None
+    """The mast head, about which pointing errors rotate the cameras, metres; None: about the left
+    camera."""
 
     def __post_init__(self) -> None:
         if not (self.base_m > 0 and self.focal_px > 0 and self.samples > 0 and self.lines > 0):
@@ -88,6 +91,31 @@ class EpipolarPair:
                 "a stereo pair needs a baseline, a focal length and a size above zero, not "
                 f"{self.base_m} m, {self.focal_px} px, {self.samples} x {self.lines}"
             )
+
+    @property
+    def pivot_in_rover(self) -> Vector3:
+        """Centre of rotation of pointing errors, in the rover frame, metres."""
+        if self.mast_in_rover is None:
+            return self.rover_from_pair.translation_m
+        return np.array(self.mast_in_rover)
+
+    @property
+    def arm(self) -> Vector3:
+        """From the pivot to the left camera, in the pair's axes, metres."""
+        pose = self.rover_from_pair
+        return (pose.translation_m - self.pivot_in_rover) @ pose.rotation
+
+    def move(self, rover_from_other: Pose) -> EpipolarPair:
+        """In the frame of another rover position."""
+        mast = self.mast_in_rover and tuple(rover_from_other.apply(self.pivot_in_rover).tolist())
+        pose = rover_from_other @ self.rover_from_pair
+        return replace(self, rover_from_pair=pose, mast_in_rover=mast)
+
+    def turn(self, rotation: Float64[np.ndarray, "3 3"]) -> EpipolarPair:
+        """Rotated about the pivot, by a rotation in the pair's axes."""
+        pose, turned = self.rover_from_pair, self.rover_from_pair.rotation @ rotation
+        centre = self.pivot_in_rover + turned @ self.arm
+        return replace(self, rover_from_pair=Pose(pose.target, pose.source, turned, centre))
 
     def project(self, points_in_pair: ObjectPoints) -> tuple[ImagePoints, PerPoint]:
         """Left image points and parallaxes of points in the pair's frame; NaN behind the camera."""

@@ -2,11 +2,12 @@
 
 A tie measures a point twice: X_s from the left point and parallax of its first pair, and the left
 point and parallax (x, y, p) measured in its second pair. With the pointing corrections theta of
-both pairs (rotation vectors about the left cameras: the pointing of the mast is accurate to 0.1-0.2
-degrees only) and the pose of the second rover in the first, E = R L + t, the first measurement
-predicts the second,
+both pairs (rotation vectors about the mast head at c: its pointing is accurate to 0.1-0.2 degrees
+only), its vector a to the left camera, and the pose of the second rover in the first, E = R L + t,
+the first measurement predicts the second,
 
-    X_t = exp(-theta_t) R_t' ( R' (R_s exp(theta_s) X_s + c_s - t) - c_t ),   v = (x, y, p) - h(X_t)
+    X_t = exp(-theta_t) R_t' ( R' (R_s exp(theta_s) (X_s + a_s) + c_s - t) - c_t ) - a_t
+    v = (x, y, p) - h(X_t)
 
 with h the normal case (`EpipolarPair.project`). The residuals are weighted with the covariance of
 both measurements, the first one's propagated,
@@ -95,6 +96,9 @@ class _System:
     points: ObjectPoints
     covariances: Float64[np.ndarray, "n 3 3"]
     rover_from_pair: tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    """(rotation, pivot) of the first and of the second pair."""
+    arms: tuple[ObjectPoints, ObjectPoints]
+    """From the pivot to the left camera, in the pair's axes."""
     focal: PerPoint
     base: PerPoint
     centre: Float64[np.ndarray, "n 2"]
@@ -152,7 +156,8 @@ def _system(
     pairs = [geometries[ties.pair_ids[k]] for k in used]
     rows = (np.searchsorted(used, ties.first), np.searchsorted(used, ties.second))
     rotation = np.stack([p.rover_from_pair.rotation for p in pairs])
-    origin = np.stack([p.rover_from_pair.translation_m for p in pairs])
+    pivot = np.stack([p.pivot_in_rover for p in pairs])
+    arm = np.stack([p.arm for p in pairs])
     focal = np.array([p.focal_px for p in pairs])
     base = np.array([p.base_m for p in pairs])
     centre = np.array([p.centre_px for p in pairs])
@@ -179,7 +184,8 @@ def _system(
         rows,
         points,
         covariances,
-        ((rotation[rows[0]], origin[rows[0]]), (rotation[rows[1]], origin[rows[1]])),
+        ((rotation[rows[0]], pivot[rows[0]]), (rotation[rows[1]], pivot[rows[1]])),
+        (arm[rows[0]], arm[rows[1]]),
         focal[rows[1]],
         base[rows[1]],
         centre[rows[1]],
@@ -214,12 +220,12 @@ def _linearise(
     parallax = system.ties.first_parallax_px
     corrected = parallax - system.toe_in[0] @ toe_in
     points = system.points * (parallax / corrected)[:, None]
-    turned = _apply(turn[first], points)
+    turned = _apply(turn[first], points + system.arms[0])
     in_first = _apply(rs, turned) + cs
     in_second = (in_first - t) @ r
     untilted = _apply(np.swapaxes(rt, 1, 2), in_second - ct)
     back = np.swapaxes(turn[second], 1, 2)
-    seen = _apply(back, untilted)
+    seen = _apply(back, untilted) - system.arms[1]
     project = projection_partials(seen, system.focal, system.base)
     to_target = project @ back @ np.swapaxes(rt, 1, 2) @ r.T
     count = len(system.points)
@@ -228,7 +234,7 @@ def _linearise(
         design[:, :, :3] = to_target @ _cross(in_first - t)
         design[:, :, 3:6] = -to_target
     rows = np.arange(count)
-    by_first, by_second = -to_target @ rs @ _cross(turned), project @ _cross(seen)
+    by_first, by_second = -to_target @ rs @ _cross(turned), project @ _cross(seen + system.arms[1])
     for axis in range(3):
         design[rows, :, free_pose + 3 * first + axis] += by_first[:, :, axis]
         design[rows, :, free_pose + 3 * second + axis] += by_second[:, :, axis]

@@ -323,10 +323,8 @@ def point_pairs(stop: MatchedStop, ties: Ties, params: AlignmentParams) -> Match
 
 
 def _turned(pair: MatchedPair, pointing: Float64[np.ndarray, " 3"] | None) -> MatchedPair:
-    """A pair rotated about its left camera by a rotation vector of its own frame."""
+    """A pair with its pointing corrected by a rotation vector of its own frame."""
     if pointing is None:
         return pair
-    geometry, turn = pair.geometry, ScipyRotation.from_rotvec(pointing).as_matrix()
-    pose = geometry.rover_from_pair
-    pose = Pose(pose.target, pose.source, pose.rotation @ turn, pose.translation_m)
-    return replace(pair, geometry=replace(geometry, rover_from_pair=pose))
+    turn = ScipyRotation.from_rotvec(pointing).as_matrix()
+    return replace(pair, geometry=pair.geometry.turn(turn))

@@ -256,18 +256,16 @@ def _panorama(stop: StopId, names: list[str]) -> list[PairGeometry]:
         rotation = np.column_stack([right, np.cross(forward, right), forward])
         origin = np.array([0.3, 0.0, -MAST_M]) - right * BASE_M / 2 + 0.05 * forward
         frame = Frame(FrameKind.PAIR, (*rover.index, k))
-        shape = EpipolarPair(
-            Pose(rover, frame, rotation, origin), BASE_M, FOCAL_PX, (511.5, 511.5), LINES, LINES
-        )
-        mast = (0.3, 0.0, -MAST_M + 0.15)
-        pairs.append(PairGeometry(name, stop, shape, mast))
+        pose, mast = Pose(rover, frame, rotation, origin), (0.3, 0.0, -MAST_M + 0.15)
+        shape = EpipolarPair(pose, BASE_M, FOCAL_PX, (511.5, 511.5), LINES, LINES, mast)
+        pairs.append(PairGeometry(name, stop, shape))
     return pairs
 
 
 def _true_view(
     truth: tuple[Pose, ...], pairs: tuple[PairGeometry, ...], pointings: np.ndarray, k: int, n: int
 ) -> Pose:
-    label, pivot = pairs[k].geometry.rover_from_pair, pairs[k].pivot_in_rover
+    label, pivot = pairs[k].geometry.rover_from_pair, pairs[k].geometry.pivot_in_rover
     turn = rotation_of_vector(pointings[k])
     turned = Pose(
         label.target,

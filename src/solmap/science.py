@@ -300,10 +300,7 @@ def adjust(pairs: Iterable[StereoPair], sites: Mapping[int, ArrayLike] | None = 
             StopPrior(stop, poses[stop], _first_at(given, stop).left.record.attitude_measured_by)
             for stop in stops
         ),
-        tuple(
-            PairGeometry(pair.id, pair.stop, pair.images.geometry, pair.record.left.mast_in_rover)
-            for pair in given
-        ),
+        tuple(PairGeometry(pair.id, pair.stop, pair.images.geometry) for pair in given),
         build_tie_points([pair.match().sparse for pair in given], ties, TrackParams()),
     )
     adjusted, report = adjust_network(network, {stops[0]}, AdjustmentParams())

@@ -122,7 +122,7 @@ def _turned(right: RoverImage, turn: Turn | None) -> RoverImage:
 
 def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:
     """The epipolar geometry of a pair, in the rover frame of its stop."""
-    return epipolar_pair(
+    geometry = epipolar_pair(
         left.camera,
         right.camera,
         (left.samples, left.lines),
@@ -130,6 +130,7 @@ def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:
         left.stop.frame,
         pair_frame(left),
     )
+    return replace(geometry, mast_in_rover=left.mast_in_rover)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

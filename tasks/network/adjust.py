@@ -26,7 +26,7 @@ from solmap.photogrammetry.matching.manual.editing import EditRequest
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.adjusted_network import report_document
-from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
+from solmap.products.formats.documents.archives import read_matches, read_ties
 from solmap.products.formats.documents.control import control_product, read_control
 from solmap.products.formats.documents.network import (
     NetworkPart,
@@ -189,8 +189,7 @@ def _edited_ties(step: NetworkStep, store: ProductStore) -> _EditedTies:
 def _network(
     step: NetworkStep, joining: _EditedTies, params: NetworkParams, store: ProductStore
 ) -> Network:
-    paths = [store.path(pair.matches) for pair in step.pairs]
-    read = [(pair, *read_matches(path)) for pair, path in zip(step.pairs, paths, strict=True)]
+    read = [(pair, *read_matches(store.path(pair.matches))) for pair in step.pairs]
     singles = [read_singles(ref, store) for ref in step.singles]
     alone = [body for some in singles for body in some.bodies]
     matches = [matches for _, _, matches in read]
@@ -199,8 +198,7 @@ def _network(
     network = Network(
         stops=step.stops,
         pairs=tuple(
-            PairGeometry(pair.files.id, pair.files.stop, geometry, read_mast(path))
-            for (pair, geometry, _), path in zip(read, paths, strict=True)
+            PairGeometry(pair.files.id, pair.files.stop, geometry) for pair, geometry, _ in read
         )
         + tuple(alone),
         ties=build_tie_points(matches, ties, params.tracks),

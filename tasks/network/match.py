@@ -100,10 +100,10 @@ def match_stereo_pair(
     """
 
     def write_sparse(path: Path) -> None:
-        images, left = read_epipolar(pair, turn, store), read_left(pair, turn, store).record
+        images = read_epipolar(pair, turn, store)
         candidates = find_candidates(pair, turn, params.sparse, store)
         matches = refine_candidates(pair.id, images, candidates, params.sparse)
-        write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
+        write_matches(path, images.geometry, matches, turn)
 
     def write_parallax(path: Path) -> None:
         write_dense(path, match_densely(read_epipolar(pair, turn, store), params.dense))

@@ -33,7 +33,6 @@ from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.matching.stereo.orientation import WRONG_RIG_PX, RowCells
 from solmap.photogrammetry.matching.tracks import build_tie_points
 from solmap.products.formats.documents.archives import (
-    read_mast,
     read_matches,
     read_right_turn,
     read_ties,
@@ -154,10 +153,7 @@ def _ties_of_stop(
     ties = weigh_by_cells(read_ties(store.path(stop.ties))[0])
     network = Network(
         (StopPrior(name, Pose(LSL, name.frame, np.eye(3), np.zeros(3))),),
-        tuple(
-            PairGeometry(pair.files.id, name, shape, read_mast(path))
-            for pair, shape, _, path in read
-        ),
+        tuple(PairGeometry(pair.files.id, name, shape) for pair, shape, _, path in read),
         build_tie_points([matches for _, _, matches, _ in read], [ties], params.tracks),
     )
     instruments = {

@@ -26,7 +26,7 @@ from solmap.products.catalogue.catalogue import latest_network
 from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.documents.archives import read_mast, read_matches, read_right_turn
+from solmap.products.formats.documents.archives import read_matches, read_right_turn
 from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import whole_network
 from solmap.products.formats.documents.rig import RigProduct, read_rig
@@ -155,7 +155,7 @@ def _read_rig_network(
     stereo = [pair for pair in adjusted.pairs if pair.pair_id in measured]
     paths = {pair.pair_id: store.path(_matches_of(pair.pair_id, workspace)) for pair in stereo}
     pairs = tuple(
-        PairGeometry(pair.pair_id, pair.stop, read_matches(path)[0], read_mast(path))
+        PairGeometry(pair.pair_id, pair.stop, read_matches(path)[0])
         for pair, path in zip(stereo, paths.values(), strict=True)
     )
     is_stereo = np.array([name in paths for name in ties.pair_ids], dtype=bool)

@@ -130,7 +130,7 @@ def read_singles(ref: ProductRef, store: ProductStore) -> SingleTies:
     ties, header = read_ties(store.path(ref))
     stop = StopId(*header["stop"])
     bodies = tuple(
-        PairGeometry(body["id"], stop, geometry_of_document(body["geometry"]), _mast(body))
+        PairGeometry(body["id"], stop, geometry_of_document(body["geometry"]))
         for body in header["singles"]
     )
     return SingleTies(bodies, ties, tuple(header["links"]))
@@ -149,19 +149,13 @@ def singles_notes(stop: StopId, singles: SingleTies) -> list[str]:
     ]
 
 
-def _mast(body: dict[str, Any]) -> tuple[float, float, float] | None:
-    if body["mast_in_rover"] is None:
-        return None
-    x, y, z = body["mast_in_rover"]
-    return x, y, z
-
-
 def _single(file: SingleFile, store: ProductStore) -> tuple[RoverImage, SingleView]:
     """An image with its label, resampled to square pixels without distortion."""
     read = read_product_image(file.file, store)
     image = read.image
     size = (image.samples, image.lines)
     geometry = single_image(image.camera, size, image.stop.frame, pair_frame(image))
+    geometry = dataclasses.replace(geometry, mast_in_rover=image.mast_in_rover)
     grey, mask = resample(read.pixels, read.mask, image.camera, geometry, Eye.LEFT)
     return image, SingleView(image.id, geometry, View.of(grey, mask))
 
@@ -173,12 +167,8 @@ def _header(found: MonoTies, read: Sequence[tuple[RoverImage, SingleView]]) -> d
     return {
         "stop": [found.stop.mission, found.stop.site, found.stop.drive],
         "singles": [
-            {
-                "id": view.image_id,
-                "geometry": geometry_document(view.geometry),
-                "mast_in_rover": image.mast_in_rover,
-            }
-            for image, view in read
+            {"id": view.image_id, "geometry": geometry_document(view.geometry)}
+            for _, view in read
             if view.image_id in tied
         ],
         "links": [{name: finite(value) for name, value in link.items()} for link in links],

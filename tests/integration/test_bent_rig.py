@@ -46,7 +46,6 @@ from solmap.tasks.network.rig import pool_rig, turn_of_pair
 from solmap.tasks.scopes import pair_scope
 from tests.support.small_downlink import rendered_images
 from tests.support.stereo_pairs import resample_pair
-from tests.support.stop_networks import RENDERED_MAST_M
 
 BEND = np.array([0.6e-3, 0.1e-3, -0.5e-3])
 """Of the right camera in the frame of the pair, radians: 0.7 rows."""
@@ -236,10 +235,7 @@ def ties_of_stop(stop, rig):
     ties = weigh_by_cells(tie_inter_stereo(matched, InterStereoParams()).ties)
     network = Network(
         (StopPrior(stop.id, matched.lsl_from_rover),),
-        tuple(
-            PairGeometry(pair.pair_id, stop.id, pair.geometry, RENDERED_MAST_M)
-            for pair in matched.pairs
-        ),
+        tuple(PairGeometry(pair.pair_id, stop.id, pair.geometry) for pair in matched.pairs),
         build_tie_points([pair.matches for pair in matched.pairs], [ties], TrackParams()),
     )
     return stop_normal_equations(

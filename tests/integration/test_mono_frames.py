@@ -59,7 +59,7 @@ def test_mono_ties_are_kept_with_the_geometry_of_both_images(spirit):
     workspace, ref, _ = spirit
     kept = read_singles(ref, workspace.store)
     assert [body.pair_id[-23:-16] for body in kept.bodies] == ["2280938", "2280989"]
-    assert kept.bodies[0].mast_in_rover == pytest.approx((0.45781, 0.02779, -1.09668))
+    assert kept.bodies[0].geometry.mast_in_rover == pytest.approx((0.45781, 0.02779, -1.09668))
     assert len(kept.ties) > 423  # the data README's inliers
     (note,) = singles_notes(kept.bodies[0].stop, kept)
     assert "2 images of mer2-site0137-drive0000 without a stereo pair are tied" in note

@@ -172,9 +172,7 @@ class _Maker:
         dense = Recipe(ProductKind.PARALLAX, pair_scope(pair.id), pair.inputs, params.dense)
         products = PairProducts(
             pair,
-            store.make(
-                sparse, lambda p: write_matches(p, known.geometry, matches, known.mast_in_rover)
-            ),
+            store.make(sparse, lambda p: write_matches(p, known.geometry, matches)),
             store.make(dense, lambda p: write_archive(p, {"step_px": 1.0})),
         )
         preview = Recipe(ProductKind.QUICKLOOK, pair_scope(pair.id), products.made, config.sparse)

@@ -37,15 +37,12 @@ from solmap.photogrammetry.matching.inter_stereo import (
 )
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
-from solmap.photogrammetry.synthetic.rig import T_PMA_M
 from solmap.photogrammetry.synthetic.scene import WorldParams, realistic_params
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from tests.support.rendered_stops import rendered_stops
 from tests.support.simulated_stops import ROOT, SimulatedStop, WorldOfStops, simulated_stop
 from tests.support.site_pairs import FAR, NEAR, TERRAINS
 
-RENDERED_MAST_M = (0.42, 0.0, -1.4)
-"""The mast head in the labels of rendered worlds."""
 STOPS = 3
 REALISTIC = "realistic-"
 LAST_NEAR = 63
@@ -102,14 +99,13 @@ def network_of(stops: Sequence[SimulatedStop], *, surface_matching: bool = True)
         for stop, own in zip(stops, ties, strict=True)
     ]
     ties += [tie_cross_site(*two, params).ties for two in pairwise(views)]
-    mast = T_PMA_M if stops[0].world.terrain in TERRAINS else RENDERED_MAST_M
     return Network(
         tuple(
             StopPrior(stop.stop, stop.matched.lsl_from_rover if k else stop.true)
             for k, stop in enumerate(stops)
         ),
         tuple(
-            PairGeometry(pair.pair_id, stop.stop, pair.geometry, mast)
+            PairGeometry(pair.pair_id, stop.stop, pair.geometry)
             for stop in stops
             for pair in stop.matched.pairs
         ),

@@ -125,7 +125,7 @@ class Observations:
             origin_in_rover=np.array([g.rover_from_pair.translation_m for g in shapes]).reshape(
                 -1, 3
             ),
-            pivot_in_rover=np.array([pair.pivot_in_rover for pair in network.pairs]).reshape(-1, 3),
+            pivot_in_rover=np.array([g.pivot_in_rover for g in shapes]).reshape(-1, 3),
             focal_px=np.array([g.focal_px for g in shapes], dtype=np.float64),
             base_m=np.array([g.base_m for g in shapes], dtype=np.float64),
             centre_px=np.array([g.centre_px for g in shapes], dtype=np.float64).reshape(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float64, Vector3
+from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import LSL, Pose
@@ -170,8 +170,6 @@ class PairGeometry:
     pair_id: str
     stop: StopId
     geometry: EpipolarPair
-    mast_in_rover: tuple[float, float, float] | None = None
-    """The mast head, about which pointing errors rotate the pair; None: about its own origin."""
 
     def __post_init__(self) -> None:
         if self.geometry.rover_from_pair.target != self.stop.frame:
@@ -179,13 +177,6 @@ class PairGeometry:
                 f"pair {self.pair_id} was taken at {self.stop.frame}, but its geometry is given in "
                 f"{self.geometry.rover_from_pair.target}"
             )
-
-    @property
-    def pivot_in_rover(self) -> Vector3:
-        """Centre of rotation of pointing errors, in the rover frame, metres."""
-        if self.mast_in_rover is None:
-            return self.geometry.rover_from_pair.translation_m
-        return np.array(self.mast_in_rover)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

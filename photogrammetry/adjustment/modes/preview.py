@@ -68,11 +68,10 @@ def part_of(
     network: AdjustedNetwork,
     priors: Mapping[StopId, StopPrior],
     geometries: Mapping[str, EpipolarPair],
-    pivots: Mapping[str, tuple[float, float, float] | None],
 ) -> Network:
     """The network of some stops out of an adjusted one; pairs without geometry stay out."""
     pairs = tuple(
-        PairGeometry(pair.pair_id, pair.stop, geometries[pair.pair_id], pivots.get(pair.pair_id))
+        PairGeometry(pair.pair_id, pair.stop, geometries[pair.pair_id])
         for pair in network.pairs
         if pair.stop in priors and pair.pair_id in geometries
     )

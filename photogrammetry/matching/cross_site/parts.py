@@ -102,6 +102,4 @@ def merge_ground(stop: MatchedStop, beside: Iterable[tuple[MatchedStop, Pose]]) 
 
 def _moved(pair: MatchedPair, pose: Pose) -> MatchedPair:
     """A pair in the frame of another rover."""
-    geometry = pair.geometry
-    moved = replace(geometry, rover_from_pair=pose @ geometry.rover_from_pair)
-    return replace(pair, geometry=moved)
+    return replace(pair, geometry=pair.geometry.move(pose))

@@ -113,6 +113,7 @@ def geometry_document(geometry: EpipolarPair) -> dict[str, Any]:
         "centre_px": list(geometry.centre_px),
         "samples": geometry.samples,
         "lines": geometry.lines,
+        "mast_in_rover": geometry.mast_in_rover,
     }
 
 
@@ -125,6 +126,7 @@ def geometry_of_document(document: dict[str, Any]) -> EpipolarPair:
         centre_px=(document["centre_px"][0], document["centre_px"][1]),
         samples=document["samples"],
         lines=document["lines"],
+        mast_in_rover=_triple(document, "mast_in_rover"),
     )
 
 
@@ -132,7 +134,6 @@ def write_matches(
     path: Path,
     geometry: EpipolarPair,
     matches: StereoMatches,
-    mast_in_rover: tuple[float, float, float] | None = None,
     right_turn: tuple[float, float, float] | None = None,
 ) -> None:
     """Write the intra-stereo matches of a pair and the geometry they were measured in.
@@ -141,14 +142,12 @@ def write_matches(
         path: The file to write.
         geometry: The epipolar geometry.
         matches: The matches.
-        mast_in_rover: The mast head, metres.
         right_turn: Rotation vector in the rover frame of the right camera from its label's
             model, so that rows correspond; None where they did.
     """
     header = {
         "pair": matches.pair_id,
         "geometry": geometry_document(geometry),
-        "mast_in_rover": mast_in_rover,
         "right_turn": right_turn,
     }
     write_archive(
@@ -162,18 +161,13 @@ def read_matches(path: Path) -> tuple[EpipolarPair, StereoMatches]:
     return geometry_of_document(header["geometry"]), StereoMatches(header["pair"], **arrays)
 
 
-def read_mast(path: Path) -> tuple[float, float, float] | None:
-    """The mast head written by `write_matches`."""
-    return _triple(path, "mast_in_rover")
-
-
 def read_right_turn(path: Path) -> tuple[float, float, float] | None:
     """The rotation of the right camera written by `write_matches`."""
-    return _triple(path, "right_turn")
+    return _triple(read_archive(path, ())[0], "right_turn")
 
 
-def _triple(path: Path, name: str) -> tuple[float, float, float] | None:
-    values = read_archive(path, ())[0][name]
+def _triple(document: dict[str, Any], name: str) -> tuple[float, float, float] | None:
+    values = document.get(name)
     return (values[0], values[1], values[2]) if values else None
 
 

@@ -28,7 +28,7 @@ def _in_pairs(network: Network, truth: NetworkTruth) -> np.ndarray:
     found = np.zeros((len(network.ties), 3))
     for k, pair in enumerate(network.pairs):
         rows = np.flatnonzero(network.ties.pair == network.ties.pair_ids.index(pair.pair_id))
-        label, pivot = pair.geometry.rover_from_pair, pair.pivot_in_rover
+        label, pivot = pair.geometry.rover_from_pair, pair.geometry.pivot_in_rover
         turn = rotation_of_vector(truth.pointings[k])
         in_rover = stops[pair.stop].inverse.apply(truth.points[network.ties.point[rows]])
         origin = pivot + turn @ (label.translation_m - pivot)

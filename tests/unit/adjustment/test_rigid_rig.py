@@ -30,7 +30,7 @@ def two_camera_residuals(x, network, params):
         shape = network.pairs[j].geometry
         label = shape.rover_from_pair
         in_rover = lsl_from_rover.rotation.T @ (X - lsl_from_rover.translation_m)
-        turn, pivot = rotation_of_vector(left_turn[j]), network.pairs[j].pivot_in_rover
+        turn, pivot = rotation_of_vector(left_turn[j]), network.pairs[j].geometry.pivot_in_rover
         left_rotation = turn @ label.rotation
         left_origin = pivot + turn @ (label.translation_m - pivot)
         right_rotation = rotation_of_vector(right_turn[j]) @ label.rotation

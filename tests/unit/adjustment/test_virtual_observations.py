@@ -86,7 +86,7 @@ def virtual(observed, requested):
 def nominal(network, state, k):
     """Where the left image of a pair is when it sits on its mast."""
     pair = network.pairs[k]
-    label, pivot = pair.geometry.rover_from_pair, pair.pivot_in_rover
+    label, pivot = pair.geometry.rover_from_pair, pair.geometry.pivot_in_rover
     turn = state.turns[k]
     stop = state.stops[network.stop_ids.index(pair.stop)]
     pose = np.eye(4, dtype=turn.dtype)

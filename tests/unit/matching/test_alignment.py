@@ -10,6 +10,7 @@ from solmap.photogrammetry.matching.alignment import AlignmentParams, align
 from solmap.photogrammetry.matching.records import Ties
 
 FIRST, SECOND = rover_frame(1, 0), rover_frame(1, 8)
+MAST = (0.1, 0.0, -1.2)
 PRIOR = np.diag([0.01, 0.01, 0.03, 2.0, 2.0, 1.0]) ** 2
 SETS = {"a": "NAVCAM", "b": "NAVCAM", "c": "PANCAM", "d": "PANCAM"}
 
@@ -19,7 +20,7 @@ def pair(rover, number, turn, origin=(0.0, 0.0, -1.4)):
     rotation = Rotation.from_euler("ZY", [turn, -0.2]).as_matrix() @ axes
     frame = Frame(FrameKind.PAIR, (*rover.index, number))
     pose = Pose(rover, frame, rotation, np.array(origin))
-    return EpipolarPair(pose, 0.2, 1200.0, (511.5, 511.5), 1024, 1024)
+    return EpipolarPair(pose, 0.2, 1200.0, (511.5, 511.5), 1024, 1024, MAST)
 
 
 def network(rng, true, noise=1.0, count=120):
@@ -126,6 +127,53 @@ def test_the_covariance_of_the_pose_is_that_of_its_errors(true, start):
         misfits.append(shift @ np.linalg.solve(found.covariance[3:, 3:], shift) / 3)
     # the labels here point exactly, while the covariance allows for 0.15 degrees: below one
     assert 0.01 < np.mean(misfits) < 1.2
+
+
+def panorama(count=10):
+    """Pairs of one stop, each overlapping the next; cameras 0.1 to 0.3 m from the mast."""
+    arm = np.array([0.15, -0.1, -0.15])
+    turns = [Rotation.from_rotvec([0, 0, 2 * np.pi * k / count]) for k in range(count)]
+    return [pair(FIRST, k, t.as_rotvec()[2], MAST + t.apply(arm)) for k, t in enumerate(turns)]
+
+
+def neighbours(rng, pairs, count=40):
+    """Exact ties of every pair with the next."""
+    rows = []
+    for k, one in enumerate(pairs):
+        other, left = pairs[(k + 1) % len(pairs)], rng.uniform(0, 1023, (60 * count, 2))
+        parallax = rng.uniform(15, 60, len(left))
+        rover = one.rover_from_pair.apply(one.triangulate(left, parallax))
+        seen, p2 = other.project(other.rover_from_pair.inverse.apply(rover))
+        found = np.flatnonzero(other.shows(seen))[:count]
+        number = np.full(len(found), k)
+        rows.append((number, (number + 1) % len(pairs), left[found], seen[found],
+                     parallax[found], p2[found]))  # fmt: skip
+    first, second, *measured = (np.concatenate(column) for column in zip(*rows, strict=True))
+    ids = tuple(str(k) for k in range(len(pairs)))
+    first, second = first.astype(np.int32), second.astype(np.int32)
+    sigma = [np.full(len(first), 0.2) for _ in range(6)]
+    return Ties(ids, first, second, *measured, *sigma)
+
+
+def test_pointing_errors_of_a_panorama_are_found_up_to_their_mean(rng):
+    true = panorama()
+    ties = neighbours(rng, true)
+    errors = rng.normal(0, np.radians(0.1), (len(true), 3))  # in the rover frame
+    labels = [
+        p.turn(p.rover_from_pair.rotation.T @ turn @ p.rover_from_pair.rotation)
+        for p, turn in zip(true, Rotation.from_rotvec(errors).as_matrix(), strict=True)
+    ]
+    rest = Pose.identity(FIRST, FIRST)
+    found = align(
+        ties, dict(zip(ties.pair_ids, labels, strict=True)), rest, None, AlignmentParams()
+    )
+    left = [
+        p.turn(Rotation.from_rotvec(found.pointing[name]).as_matrix()).rover_from_pair.rotation
+        @ one.rover_from_pair.rotation.T
+        for name, p, one in zip(ties.pair_ids, labels, true, strict=True)
+    ]
+    turns = np.degrees(Rotation.from_matrix(left).as_rotvec())
+    np.testing.assert_allclose(turns, np.degrees([errors.mean(axis=0)] * len(true)), atol=3e-4)
 
 
 def test_points_behind_a_camera_do_not_agree(rng, true):

@@ -31,7 +31,7 @@ def single(number, azimuth):
     rotation = np.column_stack([right, np.cross(forward, right), forward])
     frame = Frame(FrameKind.PAIR, (1, 0, number))
     pose = Pose(STOP.frame, frame, rotation, np.array([0.0, 0.0, -1.25]) - 0.1 * right)
-    return EpipolarPair(pose, 1.0, 1200.0, (511.5, 511.5), 1024, 1024)
+    return EpipolarPair(pose, 1.0, 1200.0, (511.5, 511.5), 1024, 1024, MAST)
 
 
 def seen_by(geometries, points, rng, sigma=0.1):
@@ -60,7 +60,7 @@ def seen_by(geometries, points, rng, sigma=0.1):
 
 def network(geometries, ties):
     prior = StopPrior(STOP, Pose(LSL, STOP.frame, np.eye(3), np.zeros(3)))
-    pairs = (PairGeometry(f"S{k}", STOP, g, MAST) for k, g in enumerate(geometries))
+    pairs = (PairGeometry(f"S{k}", STOP, g) for k, g in enumerate(geometries))
     return Network((prior,), tuple(pairs), ties)
 
 

@@ -172,11 +172,11 @@ def _publish_pair(reads, data, geometry, parallax, workspace: Workspace) -> None
         for read, bytes_, partner in zip(reads, data, reversed(ids), strict=True)
     ]
     scope = Scope(ScopeLevel.PAIR, ids[0].lower())
-    mast, none = reads[0].image.mast_in_rover, StereoMatches.none(ids[0])
+    none = StereoMatches.none(ids[0])
     dense = DenseMatches(parallax, np.full(parallax.shape, 0.1, np.float32), None)
     made = [
         workspace.store.make(
-            Recipe(ProductKind.MATCHES, scope), lambda p: write_matches(p, geometry, none, mast)
+            Recipe(ProductKind.MATCHES, scope), lambda p: write_matches(p, geometry, none)
         ),
         workspace.store.make(Recipe(ProductKind.PARALLAX, scope), lambda p: write_dense(p, dense)),
     ]

@@ -60,7 +60,11 @@ def panorama(folder, which):
     network = Network(
         (StopPrior(stop, Pose(LSL, stop.frame, site.rotation, site.translation_m)),),
         tuple(
-            PairGeometry(view.image_id, stop, view.geometry, image.mast_in_rover)
+            PairGeometry(
+                view.image_id,
+                stop,
+                replace(view.geometry, mast_in_rover=image.mast_in_rover),
+            )
             for image, view in frames
         ),
         build_tie_points(alone, [tied.ties], TrackParams()),
