@@ -47,6 +47,9 @@ from solmap.photogrammetry.matching.parallax_planes import (
 from solmap.photogrammetry.matching.records import MatchedPair
 from solmap.photogrammetry.ranges import HalfWindow, PixelsOrZero, Share
 
+CORNER_PX = 7
+"""Side of the window of corners."""
+
 PYRAMID_LEVELS = 5
 """Number of images, each half as wide as the one before."""
 MOST_SAMPLES = 8
@@ -167,6 +170,23 @@ class TieView:
     def geometry(self) -> EpipolarPair:
         """The pair's ideal stereo camera."""
         return self.pair.geometry
+
+    @cached_property
+    def corner_strength(self) -> GreyImage:
+        """Smaller eigenvalue of the structure tensor where the parallax is known, 0 elsewhere."""
+        strength = cv2.cornerMinEigenVal(self.left.image.astype(np.float32), CORNER_PX)
+        return np.where(np.isfinite(self.pair.parallax) & self.left.mask, strength, np.float32(0))
+
+    def corners(self, cell_px: int) -> ImagePoints:
+        """The strongest corner of every cell of the left image."""
+        lines, samples = (n // cell_px for n in self.corner_strength.shape)
+        part = self.corner_strength[: lines * cell_px, : samples * cell_px]
+        cells = part.reshape(lines, cell_px, samples, cell_px).swapaxes(1, 2)
+        flat = cells.reshape(lines, samples, -1)
+        best, known = flat.argmax(axis=2), flat.max(axis=2) > 0
+        row, col = np.nonzero(known)
+        down, right = np.divmod(best[known], cell_px)
+        return np.column_stack([col * cell_px + right, row * cell_px + down]).astype(np.float64)
 
 
 def find_conjugates(

@@ -1,7 +1,9 @@
 """Inter-stereo ties: points seen by several pairs of one stop (Di et al. 2008, section 3.1).
 
 Every sparse match of a pair has a position in the rover frame; the mast's kinematics predicts its
-image in the other pairs. The remaining difference is the pointing error: with 0.15 degrees per axis
+image in the other pairs. Bland ground has few interest points: in cells without one the strongest
+corner is taken, and its parallax, known from dense matching, measured by least squares. The
+remaining difference is the pointing error: with 0.15 degrees per axis
 and pair, the conjugate lies within 3 sqrt(2) x 0.15 degrees, 14 Navcam pixels, of its prediction.
 Navcam and Pancam are matched in the geometry of the Navcam (`conjugates`: always the coarser
 image). All ties of the stop are then aligned at once with the pointing of every pair free
@@ -25,15 +27,14 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, Int32
+from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.alignment import AlignmentParams, align
 from solmap.photogrammetry.matching.conjugates import (
     DEFINED_PX,
     ConjugateParams,
-    Conjugates,
     TieView,
     find_conjugates,
     in_view,
@@ -67,9 +68,9 @@ class InterStereoParams:
     error of a conjugate to within a half, on smooth ground (0.03 px) and on rough (0.1 px)."""
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
     candidates: Count = 150
-    """Most matches of a pair that are searched for in another one."""
+    """Most points of a pair that are searched for in another one."""
     cell_px: WholePixels = 40
-    """One candidate, the most certain, in every cell of this size."""
+    """One candidate in every cell of this size: the most certain match or the strongest corner."""
     least_overlap: Count = 4
     """Matches that must fall into another pair before the two count as overlapping. A single tie
     fixes two of three angles; bland ground leaves ten matches or fewer in an overlap."""
@@ -126,16 +127,16 @@ def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
     pair_ids = tuple(pair.pair_id for pair in stop.pairs)
     measured, searched = [], {}
     for one, other in combinations(range(len(views)), 2):
-        source, target, rows = _overlap(views[one], views[other], params)
-        if len(rows) < params.least_overlap:
+        source, target, candidates = _overlap(views[one], views[other], params)
+        if len(candidates) < params.least_overlap:
             continue
-        searched[source.pair.pair_id, target.pair.pair_id] = len(rows)
+        searched[source.pair.pair_id, target.pair.pair_id] = len(candidates)
         measured.append(
             _tie_pair(
                 source,
                 target,
                 _between(source, target),
-                rows,
+                candidates,
                 _reach_px(source, target, params),
                 params.conjugates,
                 pair_ids,
@@ -159,43 +160,79 @@ def _reach_px(source: TieView, target: TieView, params: InterStereoParams) -> in
 
 def _overlap(
     one: TieView, other: TieView, params: InterStereoParams
-) -> tuple[TieView, TieView, Int32[np.ndarray, " n"]]:
-    """(source, target, candidate matches): the source has the finer scale, or more matches."""
-    there, back = _visible(one, other, params), _visible(other, one, params)
+) -> tuple[TieView, TieView, StereoMatches]:
+    """(source, target, candidates): the source has the finer scale, or more matches."""
+    there = _visible(one, other, one.pair.matches, params)
+    back = _visible(other, one, other.pair.matches, params)
     if one.geometry.focal_px != other.geometry.focal_px:
         forth = one.geometry.focal_px > other.geometry.focal_px
     else:
         forth = int(there.sum()) >= int(back.sum())
     source, target, seen = (one, other, there) if forth else (other, one, back)
-    return source, target, _select_candidates(source, np.flatnonzero(seen), params)
+    sparse = _select_candidates(source, np.flatnonzero(seen), params)
+    return source, target, _add_corners(source, target, sparse, params)
 
 
-def _visible(source: TieView, target: TieView, params: InterStereoParams) -> Flags:
-    """Which sparse matches of the source, on a plane, lie in the target's image."""
-    matches = source.pair.matches
+def _add_corners(
+    source: TieView, target: TieView, sparse: StereoMatches, params: InterStereoParams
+) -> StereoMatches:
+    """Sparse matches of the source, and in cells without one the corner of its dense parallax."""
+    corners = source.corners(params.cell_px)
+    corners = corners[
+        ~np.isin(_cells(corners, params.cell_px), _cells(sparse.left, params.cell_px))
+    ]
+    col, row = corners.astype(np.int64).T
+    dense = source.pair.parallax[row, col].astype(np.float64)
+    seen = StereoMatches(sparse.pair_id, corners, dense, np.ones(len(corners)))
+    points = corners[_visible(source, target, seen, params)]
+    points = points[_spread(len(points), params.candidates - len(sparse))]
+    parallax, sigma = measure_parallax(source, points, params.conjugates)
+    good = np.isfinite(parallax)
+    return StereoMatches(
+        sparse.pair_id,
+        np.vstack([sparse.left, points[good]]),
+        np.concatenate([sparse.parallax_px, parallax[good]]),
+        np.concatenate([sparse.sigma_px, sigma[good]]),
+    )
+
+
+def _visible(
+    source: TieView, target: TieView, matches: StereoMatches, params: InterStereoParams
+) -> Flags:
+    """Which matches of the source, on a plane, lie in the target's image."""
     scale = source.geometry.focal_px * source.geometry.base_m
     rows = matches.parallax_px > scale / params.farthest_m
     seen, half_px = np.zeros(len(matches), dtype=bool), params.conjugates.half_px
     if not rows.any():
         return seen
-    left, _, _ = _predict_points(source, target, _between(source, target), rows)
+    points = source.geometry.triangulate(matches.left[rows], matches.parallax_px[rows])
+    left, _ = target.geometry.project(_between(source, target).apply(points))
     seen[np.flatnonzero(rows)] = in_view(target, left, half_px)
     seen[seen] = parallax_planes(source.pair.parallax, matches.left[seen], half_px).found
     return seen
 
 
 def _select_candidates(
-    source: TieView, rows: Int32[np.ndarray, " n"] | np.ndarray, params: InterStereoParams
-) -> Int32[np.ndarray, " n"]:
-    """The most certain match of every cell; with too many cells, spread evenly over the image."""
+    source: TieView, rows: np.ndarray, params: InterStereoParams
+) -> StereoMatches:
+    """The most certain sparse match of every cell; with too many cells, spread over the image."""
     matches = source.pair.matches
     order = rows[np.argsort(matches.sigma_px[rows], kind="stable")]
     cells = _cells(matches.left[order], params.cell_px)
     _, first = np.unique(cells, return_index=True)
-    chosen = order[first]
-    if len(chosen) > params.candidates:
-        chosen = chosen[np.linspace(0, len(chosen) - 1, params.candidates).astype(np.int64)]
-    return chosen.astype(np.int32)
+    chosen = order[first][_spread(len(first), params.candidates)]
+    return _select(matches, chosen)
+
+
+def _select(matches: StereoMatches, rows: np.ndarray) -> StereoMatches:
+    """Some of the matches."""
+    columns = (matches.left, matches.parallax_px, matches.sigma_px)
+    return StereoMatches(matches.pair_id, *(column[rows] for column in columns))
+
+
+def _spread(count: int, most: int) -> np.ndarray:
+    """At most so many of some numbers, at equal steps."""
+    return np.linspace(0, max(count - 1, 0), max(min(count, most), 0)).astype(np.int64)
 
 
 def _cells(points: ImagePoints, cell_px: int) -> np.ndarray:
@@ -204,77 +241,45 @@ def _cells(points: ImagePoints, cell_px: int) -> np.ndarray:
     return row * 100_000 + col
 
 
-def _predict_points(
-    source: TieView, target: TieView, target_from_source: Pose, rows: Flags
-) -> tuple[
-    Float64[np.ndarray, "some 2"], Float64[np.ndarray, " some"], Float64[np.ndarray, "some 3"]
-]:
-    """(image, parallax, point) in the target of some sparse matches of the source."""
-    matches = source.pair.matches
-    points = source.geometry.triangulate(matches.left[rows], matches.parallax_px[rows])
-    in_target = target_from_source.apply(points)
-    left, parallax = target.geometry.project(in_target)
-    return left, parallax, in_target
-
-
 def _tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which matches, and how
     source: TieView,
     target: TieView,
     target_from_source: Pose,
-    rows: Int32[np.ndarray, " n"],
+    matches: StereoMatches,
     reach: int,
     params: ConjugateParams,
     pair_ids: tuple[str, ...],
 ) -> Ties:
-    """Ties between sparse matches `rows` of the source pair and their conjugates in the target."""
-    matches = source.pair.matches
-    planes = parallax_planes(source.pair.parallax, matches.left[rows], params.half_px)
-    planes = ParallaxPlanes(matches.parallax_px[rows], planes.gradient, planes.residual_px)
+    """Ties between matches of the source pair and their conjugates in the target."""
+    planes = parallax_planes(source.pair.parallax, matches.left, params.half_px)
+    planes = ParallaxPlanes(matches.parallax_px, planes.gradient, planes.residual_px)
     good = np.isfinite(planes.gradient).all(axis=1)
-    rows, planes = rows[good], planes.select(good)
-    points = matches.left[rows]
+    matches, planes, points = _select(matches, good), planes.select(good), matches.left[good]
     maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
     found = find_conjugates(source.left, target.left, points, maps, reach, params)
     parallax, sigma_parallax = measure_parallax(target, found.points[found.found], params)
     residual_px, floor_px = planes.residual_px[found.found], params.parallax_floor_px
-    return _assemble(
-        source, target, rows, found, parallax, sigma_parallax, pair_ids, residual_px, floor_px
-    )
-
-
-def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
-    source: TieView,
-    target: TieView,
-    rows: Int32[np.ndarray, " n"],
-    found: Conjugates,
-    parallax: Float64[np.ndarray, " found"],
-    sigma_parallax: Float64[np.ndarray, " found"],
-    pair_ids: tuple[str, ...],
-    residual_px: Float64[np.ndarray, " found"],
-    floor_px: float,
-) -> Ties:
-    """Found conjugates with measured parallax, as ties."""
-    matches, some = source.pair.matches, rows[found.found]
-    own_px = matches.parallax_px[some]
+    matches = _select(matches, found.found)
+    own_px = matches.parallax_px
     relief_px = RELIEF_SHARE * residual_px * parallax / own_px
     sigma = found.sigma_px[found.found]
     apart = np.linalg.norm(_between(source, target).translation_m) / target.geometry.base_m
     indices = [
-        np.full(len(some), pair_ids.index(v.pair.pair_id), np.int32) for v in (source, target)
+        np.full(len(matches), pair_ids.index(v.pair.pair_id), np.int32) for v in (source, target)
     ]
     ties = Ties(
         pair_ids,
         indices[0],
         indices[1],
-        matches.left[some],
+        matches.left,
         found.points[found.found],
         own_px,
         parallax,
-        np.full(len(some), DEFINED_PX),
+        np.full(len(matches), DEFINED_PX),
         np.hypot(sigma, relief_px * apart),
-        np.maximum(matches.sigma_px[some], floor_px),
+        np.maximum(matches.sigma_px, floor_px),
         np.hypot(sigma_parallax, relief_px),
-        np.full(len(some), DEFINED_PX),
+        np.full(len(matches), DEFINED_PX),
         LINE_SHARE * sigma,
     )
     return ties.select(np.isfinite(parallax))
