@@ -32,7 +32,7 @@ def test_ground_with_few_interest_points_is_tied_by_corners(first_stop, kept):
         return replace(pair, matches=replace(pair.matches, **few))
 
     bland = replace(first_stop, pairs=tuple(map(thinned, first_stop.pairs)))
-    found = tie_inter_stereo(bland, InterStereoParams())
+    found = tie_inter_stereo(bland, InterStereoParams(cell_px=20))  # images are 256 pixels wide
     assert len(found.links) == 3
     assert min(link.ties for link in found.links) >= 6
 
