@@ -106,7 +106,7 @@ class EpipolarPair:
         return (pose.translation_m - self.pivot_in_rover) @ pose.rotation
 
     def move(self, rover_from_other: Pose) -> EpipolarPair:
-        """In the frame of another rover position."""
+        """In the frame of another rover position, with the mast head moved too."""
         mast = self.mast_in_rover and tuple(rover_from_other.apply(self.pivot_in_rover).tolist())
         pose = rover_from_other @ self.rover_from_pair
         return replace(self, rover_from_pair=pose, mast_in_rover=mast)

@@ -11,8 +11,9 @@ variances are chosen such that these together determine each of them as well as 
 
     a_i' (sum a_j a_j' / s_j^2)^-1 a_i = a_i' C a_i
 
-by repeated multiplication of s_i^2 with the ratio of the right side to the left, from
-s_i^2 = (3n / 6) a_i' C a_i, which is exact where all a_i' C a_i / s_i^2 are equal. What C leaves
+by repeated multiplication of s_i^2 with the ratio of the right side to the left (the multiplicative
+algorithm of optimal design, Silvey, Titterington and Torsney 1978), from s_i^2 = (3n / 6)
+a_i' C a_i, which gives the ties the information of 6 unknowns. What C leaves
 uncertain, usually the range between the stops, the ties leave uncertain too.
 """
 
