@@ -178,7 +178,7 @@ class TieView:
         return np.where(np.isfinite(self.pair.parallax) & self.left.mask, strength, np.float32(0))
 
     def corners(self, cell_px: int) -> ImagePoints:
-        """The strongest corner of every whole cell of the left image that has one, (n, 2) pixels."""
+        """The strongest corner of every whole cell of the left image that has one, pixels."""
         lines, samples = (n // cell_px for n in self.corner_strength.shape)
         part = self.corner_strength[: lines * cell_px, : samples * cell_px]
         cells = part.reshape(lines, cell_px, samples, cell_px).swapaxes(1, 2)
