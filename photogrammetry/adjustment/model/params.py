@@ -43,11 +43,12 @@ class AdjustmentParams:
     pointing_deg: Degrees = 0.1
     """Mast pointing, per axis and pair: 0.077 deg assumed for the rovers' masts by the operations
     software, 0.1-0.2 deg found on archived panoramas."""
-    mast_deg: Degrees = 0.03
+    mast_deg: Degrees = 0.017
     """Systematic errors of a mast, the same at all stops: zeros of elevation and azimuth, and tilts
     of the axis of azimuth about the rover's x and y. The operations software assumes 0.077 deg of
-    all errors together; pairs of one archived panorama differ by 0.1 deg and more, which leaves
-    (0.077^2 - (0.1^2 / 2))^0.5."""
+    all errors together; pairs of one archived panorama differ by 0.1 deg and more. That leaves at
+    most (0.077^2 - 0.1^2 / 2)^0.5 = 0.03 deg, and anything up to it is equally likely: 0.03 /
+    3^0.5."""
     tilt_deg: Degrees = 0.3
     """Roll and pitch from accelerometers, absolute because gravity is."""
     azimuth_fine_deg: Degrees = 1.0

@@ -9,7 +9,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.height_bias import HeightBias
+from solmap.photogrammetry.matching.height_bias import USUAL_BIAS, HeightBias
 from solmap.tasks.network.orientations import (
     MappedStop,
     Orientation,
@@ -68,7 +68,7 @@ def link(earlier: str, later: str, lines: float | None, sigma: float | None) -> 
     return {"earlier": earlier, "later": later, "figures": figures}
 
 
-def test_the_height_bias_of_a_stop_is_the_weighted_mean_of_its_links():
+def test_the_height_bias_of_a_stop_pools_its_links_with_one_prior():
     links = [
         link("A", "B", 0.8, 0.1),
         link("B", "C", 0.3, 0.2),
@@ -78,9 +78,11 @@ def test_the_height_bias_of_a_stop_is_the_weighted_mean_of_its_links():
     alone = height_bias_of("A", links)
     np.testing.assert_allclose((alone.lines, alone.sigma), (0.8, 0.1))
     found = height_bias_of("B", links)
-    np.testing.assert_allclose(found.lines, (0.8 / 0.01 + 0.3 / 0.04) / (1 / 0.01 + 1 / 0.04))
-    np.testing.assert_allclose(found.sigma, (1 / 0.01 + 1 / 0.04) ** -0.5)
-    assert height_bias_of("D", links) == HeightBias()
+    prior = USUAL_BIAS.sigma**-2
+    weight = 1 / 0.1**2 + 1 / 0.2**2 - prior
+    lines = (0.8 / 0.1**2 + 0.3 / 0.2**2 - prior * USUAL_BIAS.lines) / weight
+    np.testing.assert_allclose((found.lines, found.sigma), (lines, weight**-0.5))
+    assert height_bias_of("D", links) == USUAL_BIAS
     assert height_bias_of("E", [link("E", "F", -0.1, 0.1)]).lines == 0.0
 
 
