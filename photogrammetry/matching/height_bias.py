@@ -45,7 +45,7 @@ class HeightBias:
 
     @classmethod
     def pooled(cls, estimates: Iterable[HeightBias]) -> HeightBias:
-        """What estimates say together, at least 0; their common prior, `USUAL_BIAS`, counts once."""
+        """Estimates combined, at least 0; their common prior, `USUAL_BIAS`, counts once."""
         prior = USUAL_BIAS.sigma**-2.0
         weight, total = prior, prior * USUAL_BIAS.lines
         for one in estimates:

@@ -2,9 +2,9 @@
 
     python -m tests.support.pointing_draws husband .cache/worlds/day realistic-hills20 --draws 4
 
-A world has one set of pointing errors, and one or two adjusted stops: too few to say whether its
+A world has one set of pointing errors, and one or two adjusted stops: too few to show whether its
 covariances are true. So the images of a world are matched once; then pairs are rotated from their
-true pointings by errors drawn again and again, and every time tied, linked and adjusted anew. A
+true pointings by errors drawn for every network, then tied, linked and adjusted. A
 pair's error has the standard deviation `--pointing` about each axis; with `--mast`, systematic
 errors are drawn for the world too. The floor is that of `tests.support.accuracy`.
 """
