@@ -19,7 +19,8 @@ samples, lines and parallaxes, as far as the difference is significant: the larg
 exceed their true factor by chance. Between stops it is never below 1, because residuals cannot show
 that common errors are smaller than stated.
 
-For observations that were marginalised (`marginal`) the sums of that moment are kept.
+For observations that were marginalised (`marginal`) the sums of that moment are kept. Systematic
+errors of the mast are never marginalised: their sums are always the present ones.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ class Component(StrEnum):
     HEADING = "measured heading"
     TILT = "tilt"
     POINTING = "mast pointing"
+    MAST = "systematic mast errors"
     INTER_STEREO = "inter-stereo ties"
     IMAGE_MATCHED = "image-matched cross-site ties"
     SURFACE_MATCHED = "surface-matched cross-site ties"
@@ -75,6 +77,11 @@ class Scatter:
 
     def __add__(self, other: Scatter) -> Scatter:
         return Scatter(self.squares + other.squares, self.redundancy + other.redundancy)
+
+    def without_mast(self) -> Scatter:
+        """Without the systematic errors of the mast."""
+        others = np.array([[name is not Component.MAST] for name in COMPONENTS])
+        return Scatter(self.squares * others, self.redundancy * others)
 
     def factors(self, freedoms: float) -> Float64[np.ndarray, " components"]:
         """Factors of the standard deviations; `freedoms` is nu."""
@@ -114,7 +121,7 @@ class VarianceComponents:
         """Initial components: the parameters' priors, and the sums known so far."""
         degrees = (params.azimuth_step_deg, params.azimuth_fine_deg, params.tilt_deg)
         priors = np.ones(len(COMPONENTS))
-        priors[:TIES] = (params.slip, *degrees, params.pointing_deg)
+        priors[:TIES] = (params.slip, *degrees, params.pointing_deg, params.mast_deg)
         return replace(self, priors=priors).update(params.sigma_freedoms)
 
     def update(self, freedoms: float, scatter: Scatter | None = None) -> VarianceComponents:
@@ -122,7 +129,7 @@ class VarianceComponents:
 
         Where `freedoms` is infinite, factors stay unchanged.
         """
-        total = self.past + scatter if scatter else self.scatter
+        total = self.past.without_mast() + scatter if scatter else self.scatter
         factors = self.factors if np.isinf(freedoms) else total.factors(freedoms)
         return replace(self, factors=factors, scatter=total)
 
@@ -143,6 +150,7 @@ class VarianceComponents:
             azimuth_fine_deg=f[Component.HEADING] * params.azimuth_fine_deg,
             tilt_deg=f[Component.TILT] * params.tilt_deg,
             pointing_deg=f[Component.POINTING] * params.pointing_deg,
+            mast_deg=f[Component.MAST] * params.mast_deg,
         )
 
     def of_ties(self, kind: Int32[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:

@@ -93,14 +93,18 @@ def _of_telemetry(
 def _of_pointing(
     problem: Problem, outcome: Outcome, counted: np.ndarray
 ) -> list[tuple[Component, np.ndarray, np.ndarray]]:
-    """Residuals and redundancy numbers of mast pointings."""
+    """Residuals and redundancy numbers of mast pointings, and of errors that all of them share."""
     if not problem.telemetry.masts_turn:
         return []
     mine, w = counted[problem.unknowns.pair_stop], problem.telemetry.pointing_weight
     v = problem.telemetry.misses(outcome.solution.state)[mine] * w
     q = 1.0 - w**2 * outcome.inverse[problem.pointing_places[mine]]
+    shared: list[tuple[Component, np.ndarray, np.ndarray]] = []
     if problem.unknowns.mast:
         B, Z = problem.telemetry.mast[mine], outcome.inverse[problem.mast_own]
         both = 2 * outcome.inverse[problem.mast_places[mine]] - B @ Z
         q += w**2 * (B * both).sum(axis=2)
-    return [(Component.POINTING, v.ravel(), q.ravel())]
+        prior = problem.telemetry.mast_weight
+        own = 1.0 - prior**2 * np.diagonal(Z)
+        shared = [(Component.MAST, prior * outcome.solution.state.mast, own)]
+    return [(Component.POINTING, v.ravel(), q.ravel()), *shared]
