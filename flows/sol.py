@@ -207,7 +207,7 @@ def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
 def _remapped_line(stop: MappedStop, params: ReissueParams) -> str:
     """The reason is a height bias that the first link of a stop has shown, or the movement."""
     if stop.moved_m is not None and stop.moved_m <= params.shift_m:
-        return f"{stop.stop} is mapped again: its links state a height bias of the ground"
+        return f"{stop.stop} is mapped again: its links state another height bias of the ground"
     return (
         f"{stop.stop} is mapped again: ground within {params.range_m:g} m of it moved by up to "
         f"{stop.moved_m:.3f} m"

@@ -38,7 +38,7 @@ LEAST_CHANGE = 0.15
 
 @dataclass(frozen=True, slots=True)
 class HeightBias:
-    """Height bias b in lines, and its standard deviation; estimates contain `USUAL_BIAS`."""
+    """Height bias b in lines, and its standard deviation; estimates include the prior."""
 
     lines: float = 0.0
     sigma: float = 0.0

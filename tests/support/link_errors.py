@@ -30,7 +30,7 @@ from solmap.photogrammetry.matching.records import MatchedPair
 from tests.support.husband_truth import true_pose
 from tests.support.simulated_stops import SimulatedStop
 from tests.support.site_pairs import pointed
-from tests.support.stop_networks import stops_of_world
+from tests.support.stop_networks import stops_of_world, world_folder
 
 PARAMS = CrossSiteParams()
 
@@ -105,7 +105,7 @@ def main() -> None:
     stops = stops_of_world(options.world)
     for k, two in enumerate(pairwise(stops)):
         if options.only in f"{k}-{k + 1}":
-            folder = Path(options.world)
+            folder = world_folder(options.world)
             some = [truly_pointed(s, folder) if options.true_pointing else pointed(s) for s in two]
             for line in link_errors(*some):
                 print(f"{k}-{k + 1} {line}", flush=True)  # noqa: T201

@@ -4,15 +4,14 @@
 
 A world has one set of pointing errors, and one or two adjusted stops: too few to show whether its
 covariances are true. So the images of a world are matched once; then pairs are rotated from their
-true pointings by errors drawn for every network, then tied, linked and adjusted. A
-pair's error has the standard deviation `--pointing` about each axis; with `--mast`, systematic
-errors are drawn for the world too. The floor is that of `tests.support.accuracy`.
+true pointings by errors drawn for every network, then tied, linked and adjusted. A pair's error has
+the standard deviation `--pointing` about each axis; with `--mast`, systematic errors are drawn for
+the world too. The floor is that of `tests.support.accuracy`.
 """
 
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,8 +20,8 @@ from solmap.photogrammetry.adjustment.model.network import PairGeometry
 from solmap.photogrammetry.adjustment.model.telemetry import mast_partials
 from tests.support.accuracy import floors_of
 from tests.support.link_errors import truly_pointed
-from tests.support.simulated_stops import ROOT, SimulatedStop
-from tests.support.stop_networks import StopError, evaluated, stops_of_world
+from tests.support.simulated_stops import SimulatedStop
+from tests.support.stop_networks import StopError, evaluated, stops_of_world, world_folder
 
 LINE = "{:20s} {:3d} stops: {:.3f} % ({:.3f}), azimuth {:.3f} ({:.3f}), tilt {:.3f} ({:.3f}) deg"
 
@@ -38,11 +37,9 @@ class Drawn:
     def row(self) -> tuple[float, ...]:
         """Errors and floors of position (%), azimuth and tilt (degrees); NEES over 6."""
         one, floor = self.found, self.floor
-        position = 100 * one.error_m / one.driven_m
-        return (
-            *(position, floor["percent"], one.azimuth_deg, abs(floor["azimuth_deg"])),
-            *(one.tilt_deg, floor["tilt_deg"], one.nees),
-        )
+        position = (100 * one.error_m / one.driven_m, floor["percent"])
+        azimuth = (one.azimuth_deg, abs(floor["azimuth_deg"]))
+        return (*position, *azimuth, one.tilt_deg, floor["tilt_deg"], one.nees)
 
 
 def redrawn(
@@ -62,8 +59,7 @@ def redrawn(
 
 def draws_of(world: str, draws: int, pointing: float, mast: float) -> Iterator[Drawn]:
     """The adjusted stops of a world under each draw; standard deviations in radians."""
-    folder = ROOT / ".cache" / "rendered_husband" if world == "husband" else Path(world)
-    true = [truly_pointed(stop, folder) for stop in stops_of_world(world)]
+    true = [truly_pointed(stop, world_folder(world)) for stop in stops_of_world(world)]
     for seed in range(draws):
         rng = np.random.default_rng(100 + seed)
         shared = rng.normal(0, mast, 4)

@@ -130,11 +130,16 @@ def evaluated(
     ]
 
 
+def world_folder(name: str) -> Path:
+    """The folder of a rendered world; it does not exist for simulated ones."""
+    return ROOT / ".cache" / "rendered_husband" if name == "husband" else Path(name)
+
+
 def stops_of_world(name: str) -> list[SimulatedStop]:
     """The first stops of a world: `husband`, another rendered one's folder, or terrain and seed."""
     if name.startswith(REALISTIC):
         return realistic_stops(name.removeprefix(REALISTIC))
-    folder = ROOT / ".cache" / "rendered_husband" if name == "husband" else Path(name)
+    folder = world_folder(name)
     if folder.is_dir():
         return rendered_stops(folder)
     terrain = next(kind for kind in TERRAINS if name.startswith(kind))
