@@ -42,6 +42,9 @@ RIM = 2
 FAINT = 1e-9
 """Contrast treated as zero."""
 
+OVER_RELAXATION = np.float32(1.5)
+"""Factor of corrections of a membrane: with less, errors of long wavelengths take more sweeps."""
+
 STIFFNESS = 1e-6
 """Relative addition to the diagonal, so that a patch without texture has a solution."""
 
@@ -726,6 +729,74 @@ def smooth_surfaces(
         for x in range(samples):
             smooth[y, x] = parallax[y, x] + total[x] / weight[x]
     return smooth
+
+
+@compiled()
+def _join(differences: np.ndarray, stiffness: np.ndarray, edge: np.float32) -> None:
+    """Stiffness of neighbours by their differences, which it replaces; 0 at gaps."""
+    for y in range(differences.shape[0]):
+        for x in range(differences.shape[1]):
+            off = differences[y, x] / edge
+            differences[y, x] = 0 if np.isnan(off) else stiffness[y] / (ONE + off * off)
+
+
+@compiled("image", ("image",) * 2, ("row",) * 2, ("float32",) * 2, "float32", "int32")
+def relax_membrane(
+    parallax: np.ndarray,
+    fit: tuple[np.ndarray, np.ndarray],
+    stiffness: tuple[np.ndarray, np.ndarray],
+    gradient: tuple[np.float32, np.float32],
+    edge: np.float32,
+    sweeps: int,
+) -> np.ndarray:
+    """Parallax p + d, towards the least sum (w d^2 - 2 b d) + sum k (difference - g)^2.
+
+    Differences are those of p + d between neighbours in a row and in a column. Their stiffness k
+    is less where they are large at first, k = k_0 / (1 + (difference of p - g)^2 / edge^2). By
+    successive over-relaxation, of the pixels of each colour of a chessboard in turn.
+
+    Args:
+        parallax: p; NaN where there is none.
+        fit: w and b; 0 where there is no parallax.
+        stiffness: k_0 within every row, and from it to the next one.
+        gradient: g, the differences expected within rows and from one to the next.
+        edge: Deviation from them at which the stiffness is halved.
+        sweeps: How often every pixel is corrected.
+    """
+    lines, samples = parallax.shape
+    weight, pull = fit
+    p = np.zeros((lines + 2, samples + 2), np.float32)
+    along = np.zeros((lines, samples + 1), np.float32)
+    across = np.zeros((lines + 1, samples), np.float32)
+    for y in range(lines):
+        for x in range(samples):
+            p[y + 1, x + 1] = 0 if np.isnan(parallax[y, x]) else parallax[y, x]
+    along[:, 1:-1] = parallax[:, 1:] - parallax[:, :-1] - gradient[0]
+    across[1:-1] = parallax[1:] - parallax[:-1] - gradient[1]
+    _join(along, stiffness[0], edge)
+    _join(across[1:], stiffness[1], edge)
+    along[:, 0] = along[:, -1] = 0
+    across[-1] = 0
+    for sweep in range(2 * sweeps):
+        for y in range(lines):
+            for x in range((y + sweep) & 1, samples, 2):
+                left, right = along[y, x], along[y, x + 1]
+                above, below = across[y, x], across[y + 1, x]
+                total = weight[y, x] + left + right + above + below
+                if total > 0:
+                    here = p[y + 1, x + 1]
+                    force = weight[y, x] * (parallax[y, x] - here) + pull[y, x]
+                    force += left * (p[y + 1, x] + gradient[0] - here)
+                    force += right * (p[y + 1, x + 2] - gradient[0] - here)
+                    force += above * (p[y, x + 1] + gradient[1] - here)
+                    force += below * (p[y + 2, x + 1] - gradient[1] - here)
+                    p[y + 1, x + 1] = here + OVER_RELAXATION * force / total
+    relaxed = np.empty_like(parallax)
+    for y in range(lines):
+        for x in range(samples):
+            moved = min(max(p[y + 1, x + 1] - parallax[y, x], -ONE), ONE)
+            relaxed[y, x] = parallax[y, x] + moved
+    return relaxed
 
 
 @compiled("image", "float32", "int32")

@@ -3,8 +3,10 @@
     python -m tests.support.middlebury
 
 reads from `.cache/middlebury` motorcycle_{left,right}.png and motorcycle_disp.npz, the data of
-scikit-image 0.16, and aloe{L,R}.jpg and aloeGT.png, the samples of OpenCV's source package. Aloe
-has truth in whole pixels; at a third of its size, as Middlebury evaluates it, these are thirds.
+scikit-image 0.16; cones_{left,right}.png and cones_disp.tif, which are left.png, right.png and
+disp_left.tif in the source package of pandora 1.9; and aloe{L,R}.jpg and aloeGT.png, the samples of
+OpenCV's source package. Aloe has truth in whole pixels; at a third of its size, as Middlebury
+evaluates it, these are thirds.
 
 Truth and images of a scene may be shifted against each other, which both matchers show: the shift
 at which the images agree best under the truth, without any matcher, is added to it.
@@ -60,7 +62,12 @@ ALOE = ("aloeL.jpg", "aloeR.jpg", "aloeGT.png")
 MOTORCYCLE = Scene(
     "motorcycle", ("motorcycle_left.png", "motorcycle_right.png", "motorcycle_disp.npz"), 72
 )
-SCENES = (MOTORCYCLE, Scene("aloe, third size", ALOE, 75, 1 / 3, 3), Scene("aloe", ALOE, 224, 1.0))
+SCENES = (
+    MOTORCYCLE,
+    Scene("cones", ("cones_left.png", "cones_right.png", "cones_disp.tif"), 64, 0.25),
+    Scene("aloe, third size", ALOE, 75, 1 / 3, 3),
+    Scene("aloe", ALOE, 224, 1.0),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +137,7 @@ def _truth(path: Path) -> np.ndarray:
     if path.suffix == ".npz":
         (truth,) = np.load(path).values()
     else:
-        truth = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        truth = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH)
     return np.where(np.isfinite(truth) & (truth > 0), truth, np.nan).astype(np.float32)
 
 

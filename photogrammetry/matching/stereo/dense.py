@@ -19,13 +19,18 @@ the slope of the ground, and neighbours beyond a depth edge have no effect.
 Ground seen at a grazing angle a is foreshortened by sin a from row to row, not along them: square
 windows cover metres of it, including crests that occlude the ground behind them by less than a
 pixel of parallax, whose height is then overestimated. For rows of such ground windows are lower and
-wider, and smoothing preserves smaller edges (`count_far_lines`).
+wider, and the membrane is softer from row to row (`view_of_ground`).
 
-That is the sigma of the window's parallax by noise; the ground in its middle differs by detail that
-the window does not resolve or smoothing removed. A step reduces an error by the fraction w to which
-the window resolves its pattern, so after the last step errors with small w remain, of which one
-further step would correct the fraction w. The mean square of that step over the surroundings,
-divided by w^2 of about a tenth (`UNSETTLED`), is added to sigma^2.
+A window averages the noise of its own area alone. A membrane through the parallaxes averages as
+much as noise and texture require: their corrections d are relaxed towards the least
+
+    sum w (r - g d)^2 / s^2 + sum k (dp - dp_0)^2,     k = k_0 / (1 + (dp - dp_0)^2 / e^2)
+
+over pixels and over pairs of neighbours in rows and columns, whose difference is dp, and dp_0 that
+of the plane of the ground. The noise s is that of all residuals under the windows' parallax, less
+their mean nearby; w = 1 / (1 + (r / 2s)^2) leaves out outliers. Within rows 1/sqrt(k_0) is
+`RELIEF_PX`, and between rows 1 / sin a as much; k ends the membrane at edges. A few sweeps suffice,
+because windows have removed errors of longer wavelengths, and do not flatten relief.
 """
 
 from __future__ import annotations
@@ -39,6 +44,7 @@ from solmap.photogrammetry.arrays import Float32, GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.matching.kernels import (
     least_squares_step,
     parallax_residual,
+    relax_membrane,
     smooth_surfaces,
     window_sums,
     window_variance,
@@ -50,14 +56,16 @@ from solmap.photogrammetry.matching.resampling import (
     shift_rows,
 )
 from solmap.photogrammetry.matching.stereo.semi_global import (
+    LEVEL,
+    GroundView,
     NormalisedImage,
     SemiGlobalParams,
-    count_far_lines,
     match_both_ways,
     normalise_locally,
     remove_speckle,
     rough_parallax,
     to_eight_bit,
+    view_of_ground,
 )
 from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px
 from solmap.photogrammetry.ranges import (
@@ -69,18 +77,38 @@ from solmap.photogrammetry.ranges import (
     Share,
     WholeParallax,
 )
+from solmap.photogrammetry.robust import robust_sigma
 
-WINDOW_NOISE = 0.67
-"""Variance of a step over s0^2/E: 0.46, because a box applied twice has weights whose squares sum
-to less than themselves, times 1.44 for residuals correlated by resampling (`least_squares`)."""
+NOISE_SHARE = 0.25
+"""Variance by noise over s0^2/E: that of a window, 0.67, because a box applied twice has weights
+whose squares sum to 0.46 of themselves, times 1.44 for residuals correlated by resampling
+(`least_squares`); of which the membrane leaves three eighths."""
 
-UNSETTLED = 10.0
-"""Square of the error over that of the next step after the last one, by known truth of planes,
-simulated and rendered ground and Middlebury's motorcycle. Relief of the parallax about the window,
-its edges, and steps of half windows explain nothing beyond it."""
+RELIEF_SHARE = 15.0
+"""Variance by relief over the mean square difference of neighbours. Both shares are by known truth
+of planes, simulated and rendered ground and Middlebury's scenes."""
 
-UNSETTLED_PX = 21
-"""Window over which these steps are averaged, odd: twice as wide as that of the parallax."""
+SURFACE_EDGE_PX = np.float32(0.5)
+"""Largest difference that counts as relief."""
+
+RELIEF_PX = np.float32(0.035)
+"""Standard deviation of the difference between the parallaxes of neighbours in a row, less that of
+the plane of the ground: 0.01 to 0.04 on simulated and rendered ground (known truth)."""
+
+RELIEF_EDGE_PX = np.float32(0.1)
+"""Difference at which the membrane's stiffness is halved."""
+
+OUTLIER_SIGMAS = 2.0
+"""Residual, in standard deviations of the noise, at which the weight of a pixel is halved."""
+
+WARPS = 2
+"""How often residuals are computed again for the membrane."""
+
+SWEEPS = 12
+"""Relaxations for each of them. With 40, slopes of rippled ground are flattened."""
+
+SURROUNDINGS_PX = 21
+"""Window, odd, over which the images may differ in brightness, and windows' errors are averaged."""
 
 TINY = np.float32(1e-6)
 """Energy or contrast treated as zero."""
@@ -174,8 +202,8 @@ def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> 
     largest = int(np.ceil(largest_parallax_px(images.geometry, params.nearest_range_m)))
     search = (params.least_parallax_px, largest)
     rough = rough_parallax(left, right, search, params.semi_global)
-    far_lines = count_far_lines(rough, images.geometry)
-    parallax, sigma = PixelwiseMatcher(left, right, params.refinement, far_lines).refine(rough)
+    ground = view_of_ground(rough, images.geometry)
+    parallax, sigma = PixelwiseMatcher(left, right, params.refinement, ground).refine(rough)
     parallax = remove_speckle(parallax, params.semi_global)
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
 
@@ -195,7 +223,8 @@ def match_about(
     eight_bit = (to_eight_bit(left.grey), to_eight_bit(right.grey))
     masks = (left.mask, right.mask)
     rough = match_both_ways(*eight_bit, masks, (0, 2 * search_px), params.semi_global)
-    d, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
+    ground = replace(view_of_ground(predicted, images.geometry), gradient=LEVEL)
+    d, sigma = PixelwiseMatcher(left, right, params.refinement, ground).refine(rough)
     d = remove_speckle(d, params.semi_global)
     grid = np.indices(d.shape, dtype=np.float32)
     there = cv2.remap(shift, grid[1] - np.nan_to_num(d), grid[0], cv2.INTER_LINEAR)
@@ -221,13 +250,13 @@ class PixelwiseMatcher:
         left: NormalisedImage,
         right: NormalisedImage,
         params: RefinementParams,
-        far_lines: int = 0,
+        ground: GroundView,
     ) -> None:
         self.left = left.grey
         self.slope = row_slope(row_coefficients(left.grey))
         self.right_coefficients = row_coefficients(right.grey)
         self.params = params
-        self.far_lines = far_lines
+        self.ground = ground
         self.ones = np.ones_like(left.grey)
 
     def refine(self, rough: ParallaxMap) -> tuple[ParallaxMap, ParallaxMap]:
@@ -235,9 +264,11 @@ class PixelwiseMatcher:
         windows = self._windows(np.isfinite(rough))
         parallax = self.smooth(rough)
         for _ in range(self.params.steps - 1):
-            parallax = self.smooth(self._move(windows, parallax))
-        parallax = self._move(windows, parallax)
-        fit = self._fit(windows, parallax)
+            parallax = self.smooth(parallax + self._step(windows, parallax))
+        parallax += self._step(windows, parallax)
+        unsettled = self._mean(self._step(windows, parallax) ** 2, windows.known)
+        parallax = self._relax(windows.known, parallax)
+        fit = self._fit(windows, parallax, unsettled)
         good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
         good &= np.abs(parallax - rough) <= FURTHEST_PX
@@ -250,18 +281,23 @@ class PixelwiseMatcher:
         radius = round(REACH_SIGMAS * sigma_px)
         return smooth_surfaces(parallax, np.float32(sigma_px), np.float32(edge_px), radius)
 
-    def _fit(self, windows: Windows, parallax: ParallaxMap) -> Fit:
+    def _fit(self, windows: Windows, parallax: ParallaxMap, unsettled: ParallaxMap) -> Fit:
         """Agreement of the images under a parallax."""
         residual = self._residual(parallax)
         total = self._window_sum(residual, self.ones)
         variance = window_variance(self._window_sum(residual, residual), total, windows.count)
-        step = self._step(windows, residual, total)
-        noise = np.float32(WINDOW_NOISE) * variance / windows.energy
-        unsettled = np.float32(UNSETTLED) * self._mean_square(step, windows.known)
+        noise = np.float32(NOISE_SHARE) * variance / windows.energy
+        relief = np.float32(RELIEF_SHARE) * self._relief(parallax)
         return Fit(
-            sigma_px=np.sqrt(noise + unsettled),
+            sigma_px=np.sqrt(np.maximum(noise + relief + unsettled, TINY)),
             correlation=1 - variance / np.maximum(2 * self._contrast(windows), TINY),
         )
+
+    def _relief(self, parallax: ParallaxMap) -> ParallaxMap:
+        """Mean square difference of neighbours in a row, less that of the plane of the ground."""
+        off = np.diff(parallax, axis=1, prepend=np.float32(np.nan)) - self.ground.gradient[0]
+        square = np.clip(off, -SURFACE_EDGE_PX, SURFACE_EDGE_PX) ** 2
+        return self._mean(square, np.isfinite(square))
 
     def _windows(self, known: Mask) -> Windows:
         """Sums that do not depend on the parallax, only on where there is one."""
@@ -271,15 +307,35 @@ class PixelwiseMatcher:
         variance = window_variance(self._window_sum(slope, slope), total, count)
         return Windows(known, slope, count, total, np.maximum(count * variance, TINY))
 
-    def _step(self, windows: Windows, residual: GreyImage, total: GreyImage) -> ParallaxMap:
-        """The least-squares correction; `total` is the sum of the residuals."""
+    def _step(self, windows: Windows, parallax: ParallaxMap) -> ParallaxMap:
+        """The least-squares correction of a parallax."""
+        residual = self._residual(parallax)
+        total = self._window_sum(residual, self.ones)
         products = self._window_sum(windows.slope, residual)
         return least_squares_step(products, total, windows.slopes, windows.count, windows.energy)
 
-    def _move(self, windows: Windows, parallax: ParallaxMap) -> ParallaxMap:
-        """The parallax after one correction."""
+    def _relax(self, known: Mask, parallax: ParallaxMap) -> ParallaxMap:
+        """The parallax of a membrane, from that of windows."""
+        noise = robust_sigma(self._evened(known, parallax)[known])
+        variance = np.float32(max(noise**2, TINY))
+        right_slopes = row_coefficients(row_slope(self.right_coefficients))
+        along = np.full(len(parallax), RELIEF_PX**-2, np.float32)
+        stiffness = (along, along * self.ground.sine**2)
+        for _ in range(WARPS):
+            residual = self._evened(known, parallax)
+            slope = parallax_residual(right_slopes, -self.slope, parallax) / 2
+            weight = slope / (variance + residual**2 / np.float32(OUTLIER_SIGMAS**2))
+            weight[~known] = 0
+            fit = (weight * slope, weight * residual)
+            parallax = relax_membrane(
+                parallax, fit, stiffness, self.ground.gradient, RELIEF_EDGE_PX, SWEEPS
+            )
+        return parallax
+
+    def _evened(self, known: Mask, parallax: ParallaxMap) -> GreyImage:
+        """Residuals less their means over the surroundings."""
         residual = self._residual(parallax)
-        return parallax + self._step(windows, residual, self._window_sum(residual, self.ones))
+        return residual - self._mean(residual, known)
 
     def _residual(self, parallax: ParallaxMap) -> GreyImage:
         """The right image less the left one under a parallax; 0 where there is none."""
@@ -296,14 +352,13 @@ class PixelwiseMatcher:
         side = self.params.box_px
         low, wide = int(side * SQUEEZE) | 1, int(side / SQUEEZE) - 1 | 1
         far, near = (_twice(wide), _twice(low)), (_twice(side), _twice(side))
-        return window_sums(a, b, far, near, self.far_lines)
+        return window_sums(a, b, far, near, self.ground.far_lines)
 
-    def _mean_square(self, values: GreyImage, known: Mask) -> GreyImage:
-        """Mean square over the surroundings, of the pixels with a parallax."""
-        window = (UNSETTLED_PX, UNSETTLED_PX)
+    def _mean(self, values: GreyImage, known: Mask) -> GreyImage:
+        """Mean over the surroundings, of the pixels that are known."""
+        window = (SURROUNDINGS_PX, SURROUNDINGS_PX)
         share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
-        total = cv2.blur(np.where(known, values * values, np.float32(0)), window)
-        return np.maximum(total, 0) / share  # running sums may round below zero
+        return cv2.blur(np.where(known, values, np.float32(0)), window) / share
 
 
 def _twice(width: int) -> Float32[np.ndarray, " n"]:

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import EightBits, GreyImage, Mask, ParallaxMap
+from solmap.photogrammetry.arrays import EightBits, Float32, GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.matching.kernels import fixed_point, local_contrast, mutual_parallax
 from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_robust_plane
@@ -67,6 +67,9 @@ FIT_POINTS = 20_000
 
 GRAZING = 0.25
 """Sine of the angle to the ground below which its rows are far ground: 6 m from a mast."""
+
+LEVEL = (np.float32(0), np.float32(0))
+"""Gradient of the parallax of a wall in front of the cameras."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,21 +120,40 @@ def rough_parallax(
     return np.where(within, parallax, np.float32(np.nan))
 
 
-def count_far_lines(rough: ParallaxMap, geometry: EpipolarPair) -> int:
-    """Rows from the top of the image in which the ground is seen at a grazing angle."""
-    line, sample = np.nonzero(np.isfinite(rough))
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundView:
+    """How the ground of a left image is seen, by the plane of its parallax."""
+
+    gradient: tuple[np.float32, np.float32]
+    """Change of its parallax along a row, and from a row to the next one."""
+    sine: Float32[np.ndarray, " lines"]
+    """Of the angle to it, for every row; 1 where there is no ground."""
+
+    @property
+    def far_lines(self) -> int:
+        """Rows from the top of the image in which the ground is seen at a grazing angle."""
+        return int((self.sine < GRAZING).sum())
+
+
+def view_of_ground(parallax: ParallaxMap, geometry: EpipolarPair) -> GroundView:
+    """How the ground is seen; as a wall in front of the cameras where there is none."""
+    wall = GroundView(LEVEL, np.ones(parallax.shape[0], np.float32))
+    line, sample = np.nonzero(np.isfinite(parallax))
     if not len(line):
-        return 0
+        return wall
     some = slice(None, None, max(1, len(line) // FIT_POINTS))
     points = np.column_stack([sample[some], line[some]]).astype(np.float64)
-    plane = fit_robust_plane(points, rough[line[some], sample[some]].astype(np.float64))
+    plane = fit_robust_plane(points, parallax[line[some], sample[some]].astype(np.float64))
     f, (x, y) = geometry.focal_px, geometry.centre_px
     lines = np.arange(geometry.lines)
     at_lines = plane.parallax_px(np.full(len(lines), x), lines)
     at_centre = plane.at + plane.per_sample * x + plane.per_line * y
     normal = np.linalg.norm([f * plane.per_sample, f * plane.per_line, at_centre])
     sine = at_lines / normal / np.hypot(1, (lines - y) / f)
-    return int((sine < GRAZING).sum()) if plane.per_line > 0 else 0
+    if plane.per_line <= 0:
+        return wall
+    gradient = np.float32(plane.per_sample), np.float32(plane.per_line)
+    return GroundView(gradient, np.clip(sine, 0, 1).astype(np.float32))
 
 
 def noise_level(image: GreyImage, mask: Mask) -> float:

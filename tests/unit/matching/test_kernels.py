@@ -244,6 +244,35 @@ def test_smoothing_averages_the_surface_around_a_pixel_alone(rng):
         assert found[y, x] == pytest.approx(exact, abs=2e-5)
 
 
+def test_a_membrane_relaxes_to_the_least_squares_solution_and_not_across_gaps(rng):
+    lines, samples = 7, 9
+    number = np.arange(lines * samples).reshape(lines, samples)
+    parallax = rng.normal(size=(lines, samples)).astype(np.float32)
+    parallax[3] = parallax[:, 6] = np.nan
+    weight, pull = (rng.uniform(0, 2, parallax.shape).astype(np.float32) for _ in range(2))
+    weight[np.isnan(parallax)] = pull[np.isnan(parallax)] = 0
+    within, between = (rng.uniform(1, 3, lines).astype(np.float32) for _ in range(2))
+    gradient, edge = (np.float32(0.1), np.float32(-0.2)), np.float32(0.7)
+    relaxed = kernels.relax_membrane(
+        parallax, (weight, pull), (within, between), gradient, edge, 200
+    )
+    normal = np.diag(weight.ravel().astype(float))
+    right = (weight * np.nan_to_num(parallax) + pull).ravel().astype(float)
+    for axis, stiffness in ((1, within), (0, between)):
+        first, second = np.delete(number, -1, axis), np.delete(number, 0, axis)
+        for a, b in zip(first.ravel(), second.ravel(), strict=True):
+            off = parallax.ravel()[b] - parallax.ravel()[a] - gradient[1 - axis]
+            if np.isfinite(off):
+                k = stiffness[a // samples] / (1 + (off / edge) ** 2)
+                normal[np.ix_([a, b], [a, b])] += k * np.array([[1, -1], [-1, 1]])
+                right[[a, b]] += k * gradient[1 - axis] * np.array([-1, 1])
+    known = np.isfinite(parallax).ravel()
+    solved = np.linalg.solve(normal[np.ix_(known, known)], right[known])
+    moved = np.clip(solved - parallax.ravel()[known], -1, 1)
+    assert relaxed.ravel()[known] - parallax.ravel()[known] == pytest.approx(moved, abs=1e-4)
+    assert (np.isnan(relaxed) == np.isnan(parallax)).all()
+
+
 def test_a_bicubic_spline_is_evaluated_by_the_four_of_its_terms_that_count(rng):
     knots = np.r_[0, 0, 0, 0, 2, 5, 9, 9, 9, 9].astype(float)
     coefficients = rng.normal(size=(6, 6))

@@ -22,7 +22,7 @@ from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
 from tests.support.husband_truth import evaluated_pairs
-from tests.support.middlebury import MOTORCYCLE, compared
+from tests.support.middlebury import MOTORCYCLE, SCENES, compared
 from tests.support.plain_stereo import plain_opencv
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -97,12 +97,13 @@ def test_dense_parallax_has_true_values_and_sigmas(case):
     assert np.isfinite(dense.parallax_px[np.isnan(case.truth)]).mean() < 0.15  # sky and occlusions
 
 
-def test_off_the_ground_as_few_matches_are_wrong_as_with_opencv_at_equal_fill():
-    if not MOTORCYCLE.is_here:
-        pytest.skip(f"needs {', '.join(map(str, MOTORCYCLE.paths))}")
-    found = compared(MOTORCYCLE)
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
+def test_off_the_ground_as_few_matches_are_wrong_as_with_opencv_at_equal_fill(scene):
+    if not scene.is_here:
+        pytest.skip(f"needs {', '.join(map(str, scene.paths))}")
+    found = compared(scene)
     print(f"\n{found}")  # noqa: T201
-    assert found.filled > 0.86
+    assert found.filled > (0.86 if scene is MOTORCYCLE else 0.8)
     assert found.wrong[1.0][0] <= found.wrong[1.0][1]
     assert found.sigmas == pytest.approx(1.0, abs=0.2)
 

@@ -7,13 +7,14 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
 from solmap.photogrammetry.matching.parallax_planes import fit_robust_plane
 from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.stereo import dense
 from solmap.photogrammetry.matching.stereo.dense import (
     DenseParams,
     RefinementParams,
     match_densely,
 )
 from solmap.photogrammetry.matching.stereo.orientation import vertical_parallax
-from solmap.photogrammetry.matching.stereo.semi_global import GRAZING, count_far_lines
+from solmap.photogrammetry.matching.stereo.semi_global import GRAZING, view_of_ground
 from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
 from tests.support.plain_stereo import plainly_wrong_at, wrong_and_filled
 from tests.support.textured_planes import Plane
@@ -40,10 +41,21 @@ def test_parallaxes_are_not_biased_to_whole_pixels(scene, ground):
 @pytest.mark.parametrize("noise", [10.0, 20.0, 40.0])
 def test_the_stated_sigma_is_that_of_the_errors(scene, ground, noise):
     world = scene([ground], noise=noise)
-    dense = match_densely(world.images)
-    known = np.isfinite(dense.parallax_px)
-    normalised = (dense.parallax_px - world.parallax_px)[known] / dense.sigma_px[known]
+    found = match_densely(world.images)
+    known = np.isfinite(found.parallax_px)
+    normalised = (found.parallax_px - world.parallax_px)[known] / found.sigma_px[known]
     assert 1.4826 * np.median(np.abs(normalised)) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("noise", [10.0, 40.0])
+def test_the_membrane_averages_noise_beyond_windows(scene, ground, noise, monkeypatch):
+    world = scene([ground], noise=noise)
+    error = []
+    for sweeps in (dense.SWEEPS, 0):
+        monkeypatch.setattr(dense, "SWEEPS", sweeps)
+        off = np.abs(match_densely(world.images).parallax_px - world.parallax_px)
+        error.append(np.nanmedian(off))
+    assert error[0] < (0.85 if noise < 20 else 0.75) * error[1]
 
 
 def test_the_sky_has_no_terrain(scene, ground, sky):
@@ -107,13 +119,14 @@ def test_rows_are_marked_far_where_the_ground_is_seen_at_a_grazing_angle():
     geometry = EpipolarPair(still, 0.2, 1200.0, (127.5, 511.5), 256, 1024)
     y, x = np.mgrid[0:1024, 0:256].astype(np.float32)
     level = 0.2 / 1.5 * (y - 100)  # ground 1.5 m below, horizon in row 100
-    far = count_far_lines(np.where(y > 130, level, np.nan).astype(np.float32), geometry)
+    ground = view_of_ground(np.where(y > 130, level, np.nan).astype(np.float32), geometry)
     horizon = np.arctan(411.5 / 1200.0)  # above the axis of the camera
     at_angle = 511.5 + 1200.0 * np.tan(np.arcsin(GRAZING) - horizon)
-    assert abs(far - at_angle) <= 2
+    assert abs(ground.far_lines - at_angle) <= 2
+    assert ground.gradient == pytest.approx((0, 0.2 / 1.5), abs=1e-5)
     wall = (20.0 + 0.001 * x).astype(np.float32)
-    assert count_far_lines(wall, geometry) == 0
-    assert count_far_lines(np.full_like(wall, np.nan), geometry) == 0
+    for no_ground in (wall, np.full_like(wall, np.nan)):
+        assert view_of_ground(no_ground, geometry).far_lines == 0
 
 
 def test_masked_pixels_and_their_partners_stay_empty(scene, ground):
