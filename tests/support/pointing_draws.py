@@ -6,12 +6,14 @@ A world has one set of pointing errors, and one or two adjusted stops: too few t
 covariances are true. So the images of a world are matched once; then pairs are rotated from their
 true pointings by errors drawn for every network, then tied, linked and adjusted. A pair's error has
 the standard deviation `--pointing` about each axis; with `--mast`, systematic errors are drawn for
-the world too. The floor is that of `tests.support.accuracy`.
+the world too; every world has its own draws. The floor is that of `tests.support.accuracy`.
 """
 
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -61,7 +63,7 @@ def draws_of(world: str, draws: int, pointing: float, mast: float) -> Iterator[D
     """The adjusted stops of a world under each draw; standard deviations in radians."""
     true = [truly_pointed(stop, world_folder(world)) for stop in stops_of_world(world)]
     for seed in range(draws):
-        rng = np.random.default_rng(100 + seed)
+        rng = np.random.default_rng([seed, crc32(Path(world).name.encode())])
         shared = rng.normal(0, mast, 4)
         drawn = [redrawn(stop, shared, pointing, rng) for stop in true]
         floors = floors_of([(s.true.rotation, mean, s.true.translation_m) for s, mean in drawn])
