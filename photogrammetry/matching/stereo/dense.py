@@ -84,12 +84,12 @@ NOISE_SHARE = 0.25
 whose squares sum to 0.46 of themselves, times 1.44 for residuals correlated by resampling
 (`least_squares`); of which the membrane leaves three eighths."""
 
-RELIEF_SHARE = 15.0
+RELIEF_SHARE = 16.0
 """Variance by relief over the mean square difference of neighbours. Both shares are by known truth
 of planes, simulated and rendered ground and Middlebury's scenes."""
 
-SURFACE_EDGE_PX = np.float32(0.5)
-"""Largest difference that counts as relief."""
+SURFACE_EDGE_PX = np.float32(0.2)
+"""Largest difference that counts as relief: the membrane hardly joins larger ones."""
 
 RELIEF_PX = np.float32(0.035)
 """Standard deviation of the difference between the parallaxes of neighbours in a row, less that of
@@ -317,7 +317,7 @@ class PixelwiseMatcher:
     def _relax(self, known: Mask, parallax: ParallaxMap) -> ParallaxMap:
         """The parallax of a membrane, from that of windows."""
         noise = robust_sigma(self._evened(known, parallax)[known])
-        variance = np.float32(max(noise**2, TINY))
+        variance = np.float32(max(noise**2, float(TINY)))
         right_slopes = row_coefficients(row_slope(self.right_coefficients))
         along = np.full(len(parallax), RELIEF_PX**-2, np.float32)
         stiffness = (along, along * self.ground.sine**2)
