@@ -27,10 +27,10 @@ much as noise and texture require: their corrections d are relaxed towards the l
     sum w (r - g d)^2 / s^2 + sum k (dp - dp_0)^2,     k = k_0 / (1 + (dp - dp_0)^2 / e^2)
 
 over pixels and over pairs of neighbours in rows and columns, whose difference is dp, and dp_0 that
-of the plane of the ground. The noise s is that of all residuals under the windows' parallax, less
-their mean nearby; w = 1 / (1 + (r / 2s)^2) leaves out outliers. Within rows 1/sqrt(k_0) is
-`RELIEF_PX`, and between rows 1 / sin a as much; k ends the membrane at edges. A few sweeps suffice,
-because windows have removed errors of longer wavelengths, and do not flatten relief.
+of the plane of the ground. The noise s is that of the window under its parallax, and r is less its
+mean nearby; w = 1 / (1 + (r / 2s)^2) leaves out outliers. Within rows 1/sqrt(k_0) is `RELIEF_PX`,
+and between rows 1 / sin a as much; k ends the membrane at edges. A few sweeps suffice, because
+windows have removed errors of longer wavelengths, and do not flatten relief.
 """
 
 from __future__ import annotations
@@ -77,7 +77,6 @@ from solmap.photogrammetry.ranges import (
     Share,
     WholeParallax,
 )
-from solmap.photogrammetry.robust import robust_sigma
 
 NOISE_SHARE = 0.25
 """Variance by noise over s0^2/E: that of a window, 0.67, because a box applied twice has weights
@@ -95,7 +94,7 @@ RELIEF_PX = np.float32(0.035)
 """Standard deviation of the difference between the parallaxes of neighbours in a row, less that of
 the plane of the ground: 0.01 to 0.04 on simulated and rendered ground (known truth)."""
 
-RELIEF_EDGE_PX = np.float32(0.1)
+RELIEF_EDGE_PX = np.float32(0.07)
 """Difference at which the membrane's stiffness is halved."""
 
 OUTLIER_SIGMAS = 2.0
@@ -266,8 +265,8 @@ class PixelwiseMatcher:
         for _ in range(self.params.steps - 1):
             parallax = self.smooth(parallax + self._step(windows, parallax))
         parallax += self._step(windows, parallax)
-        unsettled = self._mean(self._step(windows, parallax) ** 2, windows.known)
-        parallax = self._relax(windows.known, parallax)
+        unsettled = _mean(self._step(windows, parallax) ** 2, windows.known)
+        parallax = self._relax(windows, parallax)
         fit = self._fit(windows, parallax, unsettled)
         good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
@@ -283,9 +282,7 @@ class PixelwiseMatcher:
 
     def _fit(self, windows: Windows, parallax: ParallaxMap, unsettled: ParallaxMap) -> Fit:
         """Agreement of the images under a parallax."""
-        residual = self._residual(parallax)
-        total = self._window_sum(residual, self.ones)
-        variance = window_variance(self._window_sum(residual, residual), total, windows.count)
+        variance = self._variance(windows, self._residual(parallax))
         noise = np.float32(NOISE_SHARE) * variance / windows.energy
         relief = np.float32(RELIEF_SHARE) * self._relief(parallax)
         return Fit(
@@ -297,7 +294,7 @@ class PixelwiseMatcher:
         """Mean square difference of neighbours in a row, less that of the plane of the ground."""
         off = np.diff(parallax, axis=1, prepend=np.float32(np.nan)) - self.ground.gradient[0]
         square = np.clip(off, -SURFACE_EDGE_PX, SURFACE_EDGE_PX) ** 2
-        return self._mean(square, np.isfinite(square))
+        return _mean(square, np.isfinite(square))
 
     def _windows(self, known: Mask) -> Windows:
         """Sums that do not depend on the parallax, only on where there is one."""
@@ -314,32 +311,32 @@ class PixelwiseMatcher:
         products = self._window_sum(windows.slope, residual)
         return least_squares_step(products, total, windows.slopes, windows.count, windows.energy)
 
-    def _relax(self, known: Mask, parallax: ParallaxMap) -> ParallaxMap:
+    def _relax(self, windows: Windows, parallax: ParallaxMap) -> ParallaxMap:
         """The parallax of a membrane, from that of windows."""
-        noise = robust_sigma(self._evened(known, parallax)[known])
-        variance = np.float32(max(noise**2, float(TINY)))
+        variance = np.maximum(self._variance(windows, self._residual(parallax)), TINY)
+        certain = np.where(windows.known, 1 / variance, np.float32(0))
         right_slopes = row_coefficients(row_slope(self.right_coefficients))
         along = np.full(len(parallax), RELIEF_PX**-2, np.float32)
         stiffness = (along, along * self.ground.sine**2)
         for _ in range(WARPS):
-            residual = self._evened(known, parallax)
+            residual = self._residual(parallax)
+            residual -= _nearby(residual * certain) / np.maximum(_nearby(certain), TINY)
             slope = parallax_residual(right_slopes, -self.slope, parallax) / 2
-            weight = slope / (variance + residual**2 / np.float32(OUTLIER_SIGMAS**2))
-            weight[~known] = 0
-            fit = (weight * slope, weight * residual)
+            weight = certain / (1 + certain * (residual / np.float32(OUTLIER_SIGMAS)) ** 2)
+            fit = (weight * slope**2, weight * slope * residual)
             parallax = relax_membrane(
                 parallax, fit, stiffness, self.ground.gradient, RELIEF_EDGE_PX, SWEEPS
             )
         return parallax
 
-    def _evened(self, known: Mask, parallax: ParallaxMap) -> GreyImage:
-        """Residuals less their means over the surroundings."""
-        residual = self._residual(parallax)
-        return residual - self._mean(residual, known)
-
     def _residual(self, parallax: ParallaxMap) -> GreyImage:
         """The right image less the left one under a parallax; 0 where there is none."""
         return parallax_residual(self.right_coefficients, self.left, parallax)
+
+    def _variance(self, windows: Windows, residual: GreyImage) -> GreyImage:
+        """Variance of residuals in the window."""
+        total = self._window_sum(residual, self.ones)
+        return window_variance(self._window_sum(residual, residual), total, windows.count)
 
     def _contrast(self, windows: Windows) -> GreyImage:
         """Variance of the left image in the window, where there is parallax."""
@@ -354,11 +351,16 @@ class PixelwiseMatcher:
         far, near = (_twice(wide), _twice(low)), (_twice(side), _twice(side))
         return window_sums(a, b, far, near, self.ground.far_lines)
 
-    def _mean(self, values: GreyImage, known: Mask) -> GreyImage:
-        """Mean over the surroundings, of the pixels that are known."""
-        window = (SURROUNDINGS_PX, SURROUNDINGS_PX)
-        share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
-        return cv2.blur(np.where(known, values, np.float32(0)), window) / share
+
+def _nearby(values: GreyImage) -> GreyImage:
+    """Mean over the surroundings."""
+    return cv2.blur(values, (SURROUNDINGS_PX, SURROUNDINGS_PX))
+
+
+def _mean(values: GreyImage, known: Mask) -> GreyImage:
+    """Mean over the surroundings, of the pixels that are known."""
+    share = np.maximum(_nearby(known.astype(np.float32)), np.float32(1e-3))
+    return _nearby(np.where(known, values, np.float32(0))) / share
 
 
 def _twice(width: int) -> Float32[np.ndarray, " n"]:

@@ -84,7 +84,7 @@ class PlanarRegionParams:
     """Side of the window to which a sample's own plane is fitted: two matching windows."""
     step_px: WholePixels = 4
     """Distance of the samples: half of the matching window."""
-    tolerance_px: Pixels = 0.5
+    tolerance_px: Pixels = 0.25
     """Largest distance of parallaxes from their region's plane: two standard deviations."""
     turn_deg: Degrees = 15.0
     """Angle between a sample's own plane and its region's that is always accepted."""
