@@ -64,7 +64,7 @@ Coefficients = Float64[np.ndarray, " 3"]
 """(a, b, c) of the parallax a + b x + c y, pixels from the principal point."""
 FLAT_PX = 0.2
 """Largest root mean square over the window of a sample that starts a region: noise only."""
-BOW_PX = 0.1
+BOW_PX = 0.05
 """Largest root mean square bending of a region: noise hardly bends so many samples."""
 SIGMA_IMAGE_PX = 0.25
 """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
@@ -84,7 +84,7 @@ class PlanarRegionParams:
     """Side of the window to which a sample's own plane is fitted: two matching windows."""
     step_px: WholePixels = 4
     """Distance of the samples: half of the matching window."""
-    tolerance_px: Pixels = 0.25
+    tolerance_px: Pixels = 0.2
     """Largest distance of parallaxes from their region's plane: two standard deviations."""
     turn_deg: Degrees = 15.0
     """Angle between a sample's own plane and its region's that is always accepted."""
