@@ -78,12 +78,12 @@ from solmap.photogrammetry.ranges import (
     WholeParallax,
 )
 
-NOISE_SHARE = 0.25
+NOISE_SHARE = 0.26
 """Variance by noise over s0^2/E: that of a window, 0.67, because a box applied twice has weights
 whose squares sum to 0.46 of themselves, times 1.44 for residuals correlated by resampling
-(`least_squares`); of which the membrane leaves three eighths."""
+(`least_squares`); of which the membrane leaves two fifths."""
 
-RELIEF_SHARE = 16.0
+RELIEF_SHARE = 13.0
 """Variance by relief over the mean square difference of neighbours. Both shares are by known truth
 of planes, simulated and rendered ground and Middlebury's scenes."""
 
