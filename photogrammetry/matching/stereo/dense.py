@@ -78,14 +78,18 @@ from solmap.photogrammetry.ranges import (
     WholeParallax,
 )
 
-NOISE_SHARE = 0.26
+NOISE_SHARE = 0.134
 """Variance by noise over s0^2/E: that of a window, 0.67, because a box applied twice has weights
 whose squares sum to 0.46 of themselves, times 1.44 for residuals correlated by resampling
-(`least_squares`); of which the membrane leaves two fifths."""
+(`least_squares`); of which the membrane leaves a fifth."""
 
-RELIEF_SHARE = 13.0
-"""Variance by relief over the mean square difference of neighbours. Both shares are by known truth
-of planes, simulated and rendered ground and Middlebury's scenes."""
+UNSETTLED_SHARE = 2.0
+"""Variance over the mean square of the step that windows would take next, which is larger where
+errors are alike over many pixels, as those of compression are."""
+
+RELIEF_SHARE = 14.0
+"""Variance by relief over the mean square difference of neighbours. The three shares are by known
+truth of planes, simulated, compressed and rendered ground and Middlebury's scenes."""
 
 SURFACE_EDGE_PX = np.float32(0.2)
 """Largest difference that counts as relief: the membrane hardly joins larger ones."""
@@ -265,9 +269,9 @@ class PixelwiseMatcher:
         for _ in range(self.params.steps - 1):
             parallax = self.smooth(parallax + self._step(windows, parallax))
         parallax += self._step(windows, parallax)
-        unsettled = _mean(self._step(windows, parallax) ** 2, windows.known)
+        left_over = _mean(self._step(windows, parallax) ** 2, windows.known)
         parallax = self._relax(windows, parallax)
-        fit = self._fit(windows, parallax, unsettled)
+        fit = self._fit(windows, parallax, left_over)
         good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
         good &= np.abs(parallax - rough) <= FURTHEST_PX
@@ -280,11 +284,12 @@ class PixelwiseMatcher:
         radius = round(REACH_SIGMAS * sigma_px)
         return smooth_surfaces(parallax, np.float32(sigma_px), np.float32(edge_px), radius)
 
-    def _fit(self, windows: Windows, parallax: ParallaxMap, unsettled: ParallaxMap) -> Fit:
-        """Agreement of the images under a parallax."""
+    def _fit(self, windows: Windows, parallax: ParallaxMap, left_over: ParallaxMap) -> Fit:
+        """Agreement of the images under a parallax; `left_over`: mean square of a further step."""
         variance = self._variance(windows, self._residual(parallax))
         noise = np.float32(NOISE_SHARE) * variance / windows.energy
         relief = np.float32(RELIEF_SHARE) * self._relief(parallax)
+        unsettled = np.float32(UNSETTLED_SHARE) * left_over
         return Fit(
             sigma_px=np.sqrt(np.maximum(noise + relief + unsettled, TINY)),
             correlation=1 - variance / np.maximum(2 * self._contrast(windows), TINY),
