@@ -163,7 +163,7 @@ class SurfaceParams:
     shared_turn: Radians = 0.0009
     """Standard deviation of the rotation of all common ground about the vertical, under the same
     suns."""
-    rounds: Few = 12
+    rounds: Few = 100
     """Most rounds for each Gaussian."""
 
     def __post_init__(self) -> None:
