@@ -83,6 +83,13 @@ def test_stops_on_both_sides_of_a_crest_are_not_displaced(exact):
     assert np.abs(turn_deg).max() < 0.01
 
 
+def test_a_registration_goes_on_until_it_is_at_rest(ground):
+    grids = [seen_from(ground, *place) for place in ((0.0, 0.0), (11.0, 4.0))]
+    start = replace(AWAY, translation_m=AWAY.translation_m + [0.8, 0.5, 0.0])
+    found = register(*grids, start, LOOSE, PARAMS)
+    assert np.abs(found.pose.translation_m - AWAY.translation_m).max() < 0.001  # 12 rounds: 1.3 m
+
+
 def test_ground_with_a_height_bias_of_a_line_tilts_no_stop(ground):
     off_m, turn_deg, found = registered(ground, lines=1.0)
     assert np.abs(off_m).max() < 0.003  # a line is 1 cm at 12 m
