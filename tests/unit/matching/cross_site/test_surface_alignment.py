@@ -85,7 +85,7 @@ def test_stops_on_both_sides_of_a_crest_are_not_displaced(exact):
 
 def test_a_registration_goes_on_until_it_is_at_rest(ground):
     grids = [seen_from(ground, *place) for place in ((0.0, 0.0), (11.0, 4.0))]
-    start = replace(AWAY, translation_m=AWAY.translation_m + [0.8, 0.5, 0.0])
+    start = replace(AWAY, translation_m=AWAY.translation_m + np.array([0.8, 0.5, 0]))
     found = register(*grids, start, LOOSE, PARAMS)
     assert np.abs(found.pose.translation_m - AWAY.translation_m).max() < 0.001  # 12 rounds: 1.3 m
 
