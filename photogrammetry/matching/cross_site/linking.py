@@ -184,7 +184,7 @@ def _link_by_surfaces(
         [level_pose(*stops, pose_from_fit(*stops, fit)) for fit in some] for some in (fits, wrong)
     )
     shape = try_shapes((first, second), starts, elsewhere, SEPARATION_M, surfaces.surface)
-    if shape is None or not shape.is_certain:
+    if shape is None:
         return None
     found = shape.found
     ties = tie_by_surface(stops, found, surfaces)

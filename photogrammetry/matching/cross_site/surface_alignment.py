@@ -163,8 +163,8 @@ class SurfaceParams:
     shared_turn: Radians = 0.0009
     """Standard deviation of the rotation of all common ground about the vertical, under the same
     suns."""
-    rounds: Few = 100
-    """Most rounds for each Gaussian."""
+    rounds: Few = 12
+    """Most rounds for each Gaussian while hypotheses are compared."""
 
     def __post_init__(self) -> None:
         if not (self.rounds > 0 and self.farthest_m > self.cell_m):

@@ -66,9 +66,13 @@ def test_surface_matching_does_not_depend_on_its_start(grids, true, found):
 def test_relief_distinguishes_the_true_place_from_others(grids, true):
     wrong = [moved(true, 2.5, 0, 0), moved(true, 0, -2.5, 0)]
     trial = try_shapes(grids, [wrong[0], true], wrong[1:], 1.5, PARAMS.surface)
-    assert trial.is_certain
-    assert trial.clearness > CERTAIN
+    assert significance(trial.found) - trial.by_chance > CERTAIN
     assert np.linalg.norm(trial.found.pose.translation_m - true.translation_m) < 0.06
+
+
+def test_wrong_places_alone_are_not_taken_for_the_true_one(grids, true):
+    wrong = [moved(true, 6, 0, 0), moved(true, 0, -6, 0), moved(true, -6, 0, 0)]
+    assert try_shapes(grids, wrong[:2], wrong[2:], 1.5, PARAMS.surface) is None
 
 
 def test_a_high_correlation_over_little_ground_does_not_count_as_more(found):
