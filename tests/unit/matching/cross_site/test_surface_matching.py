@@ -70,7 +70,7 @@ def test_relief_distinguishes_the_true_place_from_others(grids, true):
     assert np.linalg.norm(trial.found.pose.translation_m - true.translation_m) < 0.06
 
 
-def test_wrong_places_alone_are_not_taken_for_the_true_one(grids, true):
+def test_wrong_places_alone_are_rejected(grids, true):
     wrong = [moved(true, 6, 0, 0), moved(true, 0, -6, 0), moved(true, -6, 0, 0)]
     assert try_shapes(grids, wrong[:2], wrong[2:], 1.5, PARAMS.surface) is None
 
