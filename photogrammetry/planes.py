@@ -81,10 +81,6 @@ Gradients = Float32[np.ndarray, "2 rows cols"]
 Shapes = Float32[np.ndarray, "3 rows cols"]
 """C_ee, C_en, C_nn of the cells that a plane was fitted to, square metres."""
 
-SHARED_PX = 25.0
-"""Side of the square of pixels whose dense parallaxes count as one for the tilt of a plane: three
-matching windows. Compared with the truth of the rendered and of a simulated traverse this gives the
-right errors for planes of 0.3 to 1 m; with one window a half or a third would be stated."""
 ROUNDS = 50
 REWEIGHTINGS = 15
 """Rounds of reweighted least squares that approach least absolute deviations."""

@@ -13,8 +13,14 @@ on its plane and whose own plane has the same orientation within an angle, or wi
 noise over the window. Its plane is fitted to them again, until the region stops growing. A region
 that bends by more than noise explains is rejected.
 
-A region's samples become points in metres, each with the covariance of its own match; neighbours
-with a common error count as one. The most likely plane is fitted to them (`planes.fit_plane`).
+A region's samples become points in metres, each with the covariance of its own match, and the most
+likely plane is fitted to them (`planes.fit_plane`). Errors of neighbours are correlated, by
+exp(-d / L) at a distance d of the image. The plane's slope along x then has
+
+    sum_ij x_i x_j exp(-d_ij / L) / sum_i x_i^2
+
+times the variance that independent errors would give it (x from the region's middle); the points'
+covariances are multiplied by the larger one of the factors along x and y.
 Errors of the pair's pointing and the stop's tilt rotate all facets of a pair together and are part
 of every facet's covariance.
 """
@@ -39,7 +45,7 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.matching.parallax_planes import whole_window_planes
-from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane, least_squares_plane
+from solmap.photogrammetry.planes import PlaneFit, fit_plane, least_squares_plane
 from solmap.photogrammetry.ranges import (
     Count,
     Degrees,
@@ -70,6 +76,8 @@ SIGMA_IMAGE_PX = 0.25
 """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
 MOST = 500
 """Most regions of one image; more are pebbles."""
+CORRELATED = 4.0
+"""Correlation distances beyond which errors count as independent."""
 FIRST_REACH = 16
 """Half side of the first window around the seed, in samples."""
 GROWTHS = 20
@@ -250,8 +258,9 @@ class FacetParams(SightParams):
     max_sigma_deg: Slope = 10.0
     """Largest standard deviation of strike and dip: the aim of a geologist's compass is 2 degrees,
     and beyond 10 beds cannot be distinguished."""
-    shared_px: Pixels = SHARED_PX
-    """Pixels within this distance have a common error."""
+    correlation_px: Pixels = 10.0
+    """Distance over which the correlation of parallaxes' errors falls to 1/e: so small planes have
+    the right errors (`tests/support/terrain/dip_truth.py`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,6 +332,25 @@ def _points(
     unit = geometry.covariances(left, parallax, SIGMA_IMAGE_PX, 1.0)
     across = geometry.covariances(left, parallax, SIGMA_IMAGE_PX, 0.0)
     covariances = across + (unit - across) * (sigma_px**2)[:, None, None]
-    shared = max(1.0, (params.shared_px / params.regions.step_px) ** 2)
     points = geometry.triangulate(left, parallax) @ rotation.T + camera_on_map(view.lsl_from_pair)
-    return points, shared * (rotation @ covariances @ rotation.T)
+    factor = variance_factor(region, params.correlation_px / params.regions.step_px)
+    return points, factor * (rotation @ covariances @ rotation.T)
+
+
+def variance_factor(region: Mask, correlation: float) -> float:
+    """Variance of a region's slope over that of independent samples; at least 1.
+
+    Args:
+        region: The samples, at unit distances.
+        correlation: Distance over which the correlation of their errors falls to 1/e, in samples.
+    """
+    reach = int(np.ceil(CORRELATED * correlation))
+    offset = np.arange(-reach, reach + 1)
+    correlations = np.exp(-np.hypot(offset[:, None], offset[None, :]) / correlation)
+    factors = [1.0]
+    for along in np.nonzero(region):
+        x = np.zeros(region.shape)
+        x[region] = along - along.mean()
+        common = cv2.filter2D(x, -1, correlations, borderType=cv2.BORDER_CONSTANT)
+        factors.append(float((x * common).sum() / max(float((x * x).sum()), 1e-9)))
+    return max(factors)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -29,11 +28,13 @@ def wedge(dip_deg: float, turn: float = 0.0):
 
 
 def with_noise(view, rng, sigma_px: float):
-    """Matching noise that pixels within the set distance share."""
-    white = rng.normal(size=view.parallax.shape).astype(np.float32)
-    side = round(PARAMS.shared_px)
-    shared = cv2.boxFilter(white, -1, (side, side), normalize=False) / side
-    parallax = (view.parallax + sigma_px * shared).astype(np.float32)
+    """Matching noise whose correlation falls to 1/e over the set distance."""
+    y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in view.parallax.shape)
+    correlations = np.exp(-np.hypot(y[:, None], x[None, :]) / PARAMS.correlation_px)
+    spectrum = np.sqrt(np.maximum(np.fft.fft2(correlations).real, 0))
+    white = np.fft.fft2(rng.normal(size=view.parallax.shape))
+    correlated = np.fft.ifft2(spectrum * white).real
+    parallax = (view.parallax + sigma_px * correlated).astype(np.float32)
     sigmas = np.full(parallax.shape, sigma_px, np.float32)
     return replace(view, parallax=parallax, sigma_px=sigmas)
 
@@ -64,14 +65,16 @@ def test_the_face_of_a_block_is_found_and_the_level_ground_is_not(view):
 
 @pytest.mark.usefixtures("unchecked")
 def test_noise_rotates_the_face_by_the_stated_sigma(view, rng):
-    """Over 60 trials the squares have the mean 1 but for 5 sqrt(2 / 60) = 0.9 above.
+    """Over 60 trials the squares have the mean 1 but for 5 sqrt(2 / 60) = 0.9.
 
-    Below, they may be smaller: samples at the facet's middle count as one a window.
+    The tolerance of a region is two standard deviations of the noise.
     """
+    noise_px = PARAMS.regions.tolerance_px / 2
     strike, dip = expected_deg()
     squares = []
     for _ in range(60):
-        facet = max(find_facets(with_noise(view, rng, 0.15), PARAMS), key=lambda f: f.plane.points)
+        facets = find_facets(with_noise(view, rng, noise_px), PARAMS)
+        facet = max(facets, key=lambda f: f.plane.points)
         off = np.array(
             [np.degrees(facet.attitude.strike) - strike, np.degrees(facet.attitude.dip) - dip]
         )
