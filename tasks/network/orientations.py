@@ -49,6 +49,9 @@ from solmap.tasks.images.pairs import (
 from solmap.tasks.scopes import is_of_mission, sol_of
 from solmap.tasks.stage import stage
 
+BIASES = "height_bias", "expected_bias"
+"""Figures of a link: the estimated height bias and its prior."""
+
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
@@ -255,9 +258,9 @@ def height_bias_of(stop: str, links: Iterable[Mapping[str, Any]]) -> HeightBias:
     """Height bias of the ground of a stop, from all of its links."""
     figures = [link["figures"] for link in links if stop in (link["earlier"], link["later"])]
     return HeightBias.pooled(
-        HeightBias(figures_of_link["height_bias_lines"], figures_of_link["height_bias_sigma"])
-        for figures_of_link in figures
-        if figures_of_link.get("height_bias_sigma")
+        tuple(HeightBias(one[f"{kind}_lines"], one[f"{kind}_sigma"]) for kind in BIASES)
+        for one in figures
+        if all(one.get(f"{kind}_sigma") for kind in BIASES)
     )
 
 

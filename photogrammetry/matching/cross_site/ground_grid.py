@@ -29,7 +29,11 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.matching.cross_site.birds_eye import level_camera
 from solmap.photogrammetry.matching.cross_site.kernels import sum_facets
-from solmap.photogrammetry.matching.height_bias import mean_of_known, metres_per_line
+from solmap.photogrammetry.matching.height_bias import (
+    HeightBias,
+    mean_of_known,
+    metres_per_line,
+)
 from solmap.photogrammetry.matching.records import MatchedStop
 
 LEAST_KNOWN = 0.15
@@ -56,6 +60,15 @@ SHADOW = 0.35
 
 FAINT = 1e-3
 """Least contrast of detail, in natural logarithms."""
+
+RELIEF_RANGE_M = 3.0, 6.0
+"""Ground whose relief is measured for the height bias (`height_bias`),"""
+
+RELIEF_BAND_M = 0.2, 0.4
+"""standard deviations of the Gaussians between which it is measured,"""
+
+LEAST_RELIEF = 1000
+"""and the fewest cells of it: 2.5 m2."""
 
 ROW = 1000
 """Row length in which points are interpolated: OpenCV's rasters are at most 32767 wide."""
@@ -107,6 +120,20 @@ class GroundGrid:
         sun = np.mean(suns, axis=0) if suns else None
         mast_m = -float(level[2])
         return cls(cell_m, up, mast_m, scale_px_m, coarsest.focal_px, sun, brightness)
+
+    @cached_property
+    def expected_bias(self) -> HeightBias:
+        """Prior of the height bias, by the relief of near ground."""
+        half = self.up.shape[0] / 2 - 0.5
+        along = (np.arange(self.up.shape[0]) - half) * self.cell_m
+        distance = np.hypot(along[:, None], along[None, :])
+        nearest, farthest = RELIEF_RANGE_M
+        fine, coarse = (self.smooth(sigma_m) for sigma_m in RELIEF_BAND_M)
+        relief = (fine - coarse)[(distance >= nearest) & (distance < farthest)]
+        relief = relief[np.isfinite(relief)]
+        if len(relief) < LEAST_RELIEF:
+            return HeightBias.expected(float("nan"))
+        return HeightBias.expected(float(np.sqrt(np.mean(relief**2, dtype=np.float64))))
 
     @cached_property
     def detail(self) -> Raster:

@@ -69,6 +69,7 @@ from solmap.photogrammetry.matching.cross_site.image_matching import (
 )
 from solmap.photogrammetry.matching.cross_site.links import (
     LEAST_TO_ALIGN,
+    SIGNIFICANT_Z,
     LinkTestParams,
     SiteLink,
     distance_m,
@@ -79,6 +80,7 @@ from solmap.photogrammetry.matching.cross_site.links import (
 )
 from solmap.photogrammetry.matching.cross_site.surface_alignment import RELIEF
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
+    CERTAIN,
     SurfaceTieParams,
     tie_by_surface,
     try_shapes,
@@ -183,7 +185,10 @@ def _link_by_surfaces(
     starts, elsewhere = (
         [level_pose(*stops, pose_from_fit(*stops, fit)) for fit in some] for some in (fits, wrong)
     )
-    shape = try_shapes((first, second), starts, elsewhere, SEPARATION_M, surfaces.surface)
+    needed = CERTAIN / 2 if fits[0].z >= SIGNIFICANT_Z else CERTAIN
+    shape = try_shapes(
+        (first, second), starts, elsewhere, SEPARATION_M, surfaces.surface, first_needs=needed
+    )
     if shape is None:
         return None
     found = shape.found
@@ -232,6 +237,8 @@ def _link_by_surfaces(
         by_shape=len(ties),
         height_bias_lines=found.height_bias.lines,
         height_bias_sigma=found.height_bias.sigma,
+        expected_bias_lines=found.expected_bias.lines,
+        expected_bias_sigma=found.expected_bias.sigma,
     )
     return SiteLink(
         one.id,

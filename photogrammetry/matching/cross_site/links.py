@@ -20,6 +20,12 @@ LEAST_TO_ALIGN = 6
 """Fewest ties that determine the six unknowns of a pose with some redundancy."""
 
 
+SIGNIFICANT_Z = 6.5
+"""Significance of a peak that is hardly random: the widest gate has about 10^6 independent
+positions, whose largest random z is 5.2; in one of 67 searches of stops without common ground it
+was 6.2."""
+
+
 @dataclass(frozen=True, slots=True)
 class LinkTestParams:
     """Criteria for accepting a link."""
@@ -31,9 +37,8 @@ class LinkTestParams:
     The paper's example had 7 manual ones."""
     clear_z: FactorOrZero = 10.0
     """Peak that cannot be random: stops with common ground have 8 to 48."""
-    least_z: FactorOrZero = 6.5
-    """Least significance of a peak: the widest gate has about 10^6 independent positions, whose
-    largest random z is 5.2; in one of 67 searches of stops without common ground it was 6.2."""
+    least_z: FactorOrZero = SIGNIFICANT_Z
+    """Least significance of a peak."""
     chance_factor: FactorFromOne = 2.0
     """Least ratio of a link's ties to those of a wrong hypothesis."""
     chance_sigmas: FactorOrZero = 4.0
@@ -75,7 +80,11 @@ class SiteLinkFigures:
     height_bias_lines: float = float("nan")
     """Bias of heights at both stops (`height_bias`),"""
     height_bias_sigma: float = float("nan")
-    """and its standard deviation."""
+    """its standard deviation,"""
+    expected_bias_lines: float = float("nan")
+    """its prior by the relief of the ground,"""
+    expected_bias_sigma: float = float("nan")
+    """and the standard deviation of that."""
     by_chance: int = 0
     """Ties of the best wrong hypothesis or decoy, found in the same way."""
     rms_px: float = float("nan")

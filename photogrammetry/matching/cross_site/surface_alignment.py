@@ -82,7 +82,7 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid, Surface
 from solmap.photogrammetry.matching.cross_site.kernels import height_differences
 from solmap.photogrammetry.matching.cross_site.tie_weights import SHARED_PARALLAX_PX
-from solmap.photogrammetry.matching.height_bias import USUAL_BIAS, HeightBias, mean_of_known
+from solmap.photogrammetry.matching.height_bias import HeightBias, mean_of_known
 from solmap.photogrammetry.ranges import (
     CellSize,
     Few,
@@ -100,9 +100,6 @@ LINES, PARALLAX = 6, 7
 """Unknowns that both stops share: height bias in lines, and bias of parallax in pixels."""
 
 UNKNOWNS = 8
-
-EXPECTED = np.where(np.arange(UNKNOWNS) == LINES, USUAL_BIAS.lines, 0.0)
-"""Prior values of the unknowns."""
 
 RELIEF = ((True, 0.4), (True, 0.2))
 HEIGHTS = ((False, 0.2), (False, 0.1))
@@ -262,7 +259,9 @@ class Registration:
     cells: Cells
     """Cells whose heights were compared."""
     height_bias: HeightBias
-    """Height bias of both stops in lines; estimated where heights are compared."""
+    """Height bias of both stops in lines; estimated where heights are compared,"""
+    expected_bias: HeightBias
+    """and its prior: the mean of both stops'."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -452,15 +451,17 @@ def register(
     `start` is later level frame to earlier one, `prior` its covariance, of rotation vector
     (radians), then translation (metres).
     """
-    known, moved, pose, correlation = np.eye(UNKNOWNS), np.zeros(UNKNOWNS), start, np.nan
+    usual = HeightBias.mean([earlier.expected_bias, later.expected_bias])
+    known, expected = np.eye(UNKNOWNS), np.zeros(UNKNOWNS)
     known[:MOTION, :MOTION] = np.linalg.inv(prior)
-    known[LINES, LINES] = USUAL_BIAS.sigma**-2
+    known[LINES, LINES], expected[LINES] = usual.sigma**-2, usual.lines
     known[PARALLAX, PARALLAX] = SHARED_PARALLAX_PX**-2
+    moved, pose, correlation = np.zeros(UNKNOWNS), start, np.nan
     for relief, sigma_m in steps:
         heights = _Heights.of(earlier, later, sigma_m, relief, params)
         if not relief and not moved[5]:
             pose = _levelled(pose, heights)
-        found = _iterate([heights], (pose, moved), known, params.rounds)
+        found = _iterate([heights], (pose, moved), (expected, known), params.rounds)
         if found is None:
             return None
         pose, moved, cells = found
@@ -468,7 +469,7 @@ def register(
             correlation, moved[5] = heights.correlation(pose), 0.0
     if not relief:
         brightness = _Brightness.of(earlier, later, sigma_m)
-        found = _iterate([heights, brightness], (pose, moved), known, params.rounds)
+        found = _iterate([heights, brightness], (pose, moved), (expected, known), params.rounds)
         if found is not None and brightness.is_alike(found[0]):
             pose, moved, cells = found
     drift = SHARED_PARALLAX_PX * _drift(earlier, later, pose, cells[0].places)
@@ -477,22 +478,26 @@ def register(
     covariance = _covariance(cells, known, drift, shared_motions)
     area_m2 = len(cells[0].weight) * max(sigma_m, earlier.cell_m) ** 2
     bias = HeightBias(float(moved[LINES]), float(covariance[LINES, LINES] ** 0.5))
-    return Registration(pose, covariance[:MOTION, :MOTION], correlation, area_m2, cells[0], bias)
+    of_pose = covariance[:MOTION, :MOTION]
+    return Registration(pose, of_pose, correlation, area_m2, cells[0], bias, usual)
 
 
 def _iterate(
     compared: Sequence[_Heights | _Brightness],
     start: tuple[Pose, Float64[np.ndarray, " 8"]],
-    known: Float64[np.ndarray, "8 8"],
+    prior: tuple[Float64[np.ndarray, " 8"], Float64[np.ndarray, "8 8"]],
     rounds: int,
 ) -> tuple[Pose, Float64[np.ndarray, " 8"], tuple[Cells, ...]] | None:
-    """(pose, unknowns, cells) of least squares; None where too little is common."""
-    pose, moved = start
+    """(pose, unknowns, cells) of least squares; None where too little is common.
+
+    `prior` has the expected unknowns and the inverse of their covariance.
+    """
+    (pose, moved), (expected, known) = start, prior
     for _ in range(rounds):
         cells = _compare(compared, pose, moved)
         if cells is None:
             return None
-        normal, right = known.copy(), known @ (moved - EXPECTED)
+        normal, right = known.copy(), known @ (moved - expected)
         for some in cells:
             normal += some.normal()
             right += some.design.T @ (some.weight * some.residual)

@@ -19,6 +19,7 @@ from solmap.tasks.network.orientations import (
 
 STOP = StopId("MER2", 10, 64)
 NAME = str(STOP)
+EXPECTED = HeightBias(0.4, 0.25)
 PARAMS = ReissueParams(range_m=10.0, shift_m=0.02)
 
 
@@ -65,6 +66,7 @@ def test_one_moved_pair_remaps_the_whole_stop():
 
 def link(earlier: str, later: str, lines: float | None, sigma: float | None) -> dict:
     figures = {"height_bias_lines": lines, "height_bias_sigma": sigma}
+    figures |= {"expected_bias_lines": EXPECTED.lines, "expected_bias_sigma": EXPECTED.sigma}
     return {"earlier": earlier, "later": later, "figures": figures}
 
 
@@ -78,9 +80,9 @@ def test_the_height_bias_of_a_stop_pools_its_links_with_one_prior():
     alone = height_bias_of("A", links)
     np.testing.assert_allclose((alone.lines, alone.sigma), (0.8, 0.1))
     found = height_bias_of("B", links)
-    prior = USUAL_BIAS.sigma**-2
+    prior = EXPECTED.sigma**-2
     weight = 1 / 0.1**2 + 1 / 0.2**2 - prior
-    lines = (0.8 / 0.1**2 + 0.3 / 0.2**2 - prior * USUAL_BIAS.lines) / weight
+    lines = (0.8 / 0.1**2 + 0.3 / 0.2**2 - prior * EXPECTED.lines) / weight
     np.testing.assert_allclose((found.lines, found.sigma), (lines, weight**-0.5))
     assert height_bias_of("D", links) == USUAL_BIAS
     assert height_bias_of("E", [link("E", "F", -0.1, 0.1)]).lines == 0.0
