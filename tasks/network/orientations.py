@@ -49,9 +49,6 @@ from solmap.tasks.images.pairs import (
 from solmap.tasks.scopes import is_of_mission, sol_of
 from solmap.tasks.stage import stage
 
-BIASES = "height_bias", "expected_bias"
-"""Figures of a link: the estimated height bias and its prior."""
-
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
@@ -258,10 +255,14 @@ def height_bias_of(stop: str, links: Iterable[Mapping[str, Any]]) -> HeightBias:
     """Height bias of the ground of a stop, from all of its links."""
     figures = [link["figures"] for link in links if stop in (link["earlier"], link["later"])]
     return HeightBias.pooled(
-        tuple(HeightBias(one[f"{kind}_lines"], one[f"{kind}_sigma"]) for kind in BIASES)
+        (_bias(one, "height_bias"), _bias(one, "expected_bias"))
         for one in figures
-        if all(one.get(f"{kind}_sigma") for kind in BIASES)
+        if one.get("height_bias_sigma") and one.get("expected_bias_sigma")
     )
+
+
+def _bias(figures: Mapping[str, Any], kind: str) -> HeightBias:
+    return HeightBias(figures[f"{kind}_lines"], figures[f"{kind}_sigma"])
 
 
 def read_orientations(

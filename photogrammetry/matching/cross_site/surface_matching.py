@@ -137,9 +137,9 @@ def try_shapes(
 
     The one with the most significant correlation of relief is returned where that exceeds the
     significance by chance by `CERTAIN`, or by `first_needs` at the position of the first
-    hypothesis, a significant peak of the search; None otherwise. By chance are hypotheses that end further than
-    `apart_m` from it, and positions without hypothesis. Those that cast doubt on it are registered
-    again from where they end, because the slope of its own relief correlates too.
+    hypothesis, a significant peak of the search; None otherwise. By chance are hypotheses that end
+    further than `apart_m` from it, and positions without hypothesis. Those that cast doubt on it
+    are registered again from where they end, because the slope of its own relief correlates too.
     """
     prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
 
