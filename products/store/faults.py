@@ -51,7 +51,7 @@ _TRANSIENT_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_
 _PRIMARY_CODE = 0xFF
 """Mask of the primary part of an SQLite error code; the rest is detail."""
 _PARSED_AT_ONCE = "recursion depth mismatch"
-"""Python 3.11 raises it, rarely, when two threads parse the headers of NumPy archives at once."""
+"""Python 3.11 raises it, rarely, when two threads parse source text at once, of tracebacks too."""
 _FULL_DISK = "53100"
 """PostgreSQL's code for it; it is not transient."""
 

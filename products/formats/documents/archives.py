@@ -12,6 +12,7 @@ import json
 from collections.abc import Collection
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from threading import Lock
 from typing import Any
 from zipfile import ZIP_DEFLATED, ZipFile
 
@@ -35,6 +36,9 @@ _STEP_PX = 1.0 / 128.0
 _LARGEST = 65535
 _LEAST_SIGMA_PX, _SIGMA_STEP = 0.005, 0.03
 
+_READING = Lock()
+"""One archive is read at a time: Python 3.11 fails, rarely, where two threads parse headers of
+arrays at once."""
 
 LEVEL = 1
 """Compression level: 6, the default of numpy, needs three times as long for a few percent of the
@@ -59,7 +63,7 @@ def read_archive(
         ProductError: the file is not an archive of solmap.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with _READING, np.load(path, allow_pickle=False) as archive:
             header = json.loads(archive["header"].tobytes())
             others = [name for name in archive.files if name != "header"]
             return header, {n: archive[n] for n in others if names is None or n in names}
