@@ -1,4 +1,4 @@
-"""Brightness of the ground around a stop: what of it is the same under any sun."""
+"""The ground around a stop: its brightness under any sun, and the bias that its relief implies."""
 
 from dataclasses import replace
 
@@ -6,7 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.matching.cross_site.ground_grid import SHADOW_WAVE_M, GroundGrid
+from solmap.photogrammetry.matching.cross_site.ground_grid import (
+    RELIEF_BAND_M,
+    SHADOW_WAVE_M,
+    GroundGrid,
+)
+from solmap.photogrammetry.matching.height_bias import LINES_PER_METRE, RELIEF_SIGMA, USUAL_BIAS
 
 CELL_M, SIZE = 0.05, 240
 
@@ -49,3 +54,21 @@ def test_shadows_have_no_detail_and_change_none_beside_them(grid, albedo):
 
 def test_a_grid_without_brightness_has_no_detail(grid):
     assert np.isnan(replace(grid, brightness=None).detail).all()
+
+
+def test_the_expected_height_bias_grows_with_the_relief(grid):
+    """A wave of 1.5 m, of which Gaussians leave exp(-(2 pi sigma / 1.5)^2 / 2)."""
+    wave_m, height_m = 1.5, 0.03
+    east = np.arange(SIZE) * CELL_M
+    up = np.tile(height_m * np.sin(2 * np.pi * east / wave_m), (SIZE, 1)).astype(np.float32)
+    fine, coarse = (np.exp(-((2 * np.pi * s / wave_m) ** 2) / 2) for s in RELIEF_BAND_M)
+    relief_m = height_m / np.sqrt(2) * (fine - coarse)
+    found = replace(grid, up=up).expected_bias
+    assert found.lines == pytest.approx(LINES_PER_METRE * relief_m, rel=0.05)
+    assert found.sigma == RELIEF_SIGMA
+    assert grid.expected_bias.lines == 0.0
+
+
+def test_ground_not_seen_near_the_rover_has_the_usual_height_bias(grid):
+    unseen = replace(grid, up=np.full_like(grid.up, np.nan))
+    assert unseen.expected_bias == USUAL_BIAS

@@ -11,6 +11,7 @@ from solmap.photogrammetry.terrain.measure.facets import (
     FacetParams,
     PlanarRegionParams,
     find_facets,
+    variance_factor,
 )
 
 PARAMS = FacetParams(max_relative_sigma=0.03)  # the small camera of these tests sees 7 m
@@ -100,6 +101,16 @@ def test_round_rocks_have_no_facets(scenes):
         return np.sqrt(np.maximum(0.0, 0.25 - east**2 - (north - 4.0) ** 2))
 
     assert find_facets(scenes.view_of(dome, dip_deg=10.0, focal_px=600.0), PARAMS) == []
+
+
+def test_correlated_errors_change_a_slope_by_the_sum_over_all_pairs():
+    region = np.zeros((30, 40), bool)
+    region[5:18, 10:33] = True
+    row, col = np.nonzero(region)
+    correlations = np.exp(-np.hypot(row[:, None] - row, col[:, None] - col) / 2.5)
+    factors = [x @ correlations @ x / (x @ x) for x in (one - one.mean() for one in (row, col))]
+    assert variance_factor(region, 2.5) == pytest.approx(max(factors), rel=0.03)
+    assert variance_factor(region, 0.05) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_local_planes_are_exact_where_the_window_is_full():
