@@ -16,7 +16,7 @@ stops of eight path-traced worlds it is 0.25 to 1.16 and
 
 where r is the root mean square of the heights that remain between Gaussians of 0.2 and 0.4 m,
 measured at 3 to 6 m, where noise is small. (0.37 r on the two of them that were used for
-development, 0.43 r on all; a constant would be off by 0.23.) With this prior b is estimated from
+development, 0.43 r on all; a constant has an error of 0.23.) With this prior b is estimated from
 two stops on either side of the same ground (`cross_site.surface_alignment`), and subtracted from
 terrain models (`terrain.dtm`).
 """

@@ -75,7 +75,7 @@ def test_wrong_places_alone_are_rejected(grids, true):
     assert try_shapes(grids, wrong[:2], wrong[2:], 1.5, PARAMS.surface) is None
 
 
-def test_the_first_hypothesis_needs_as_much_as_is_asked(grids, true):
+def test_the_first_hypothesis_is_refused_below_its_threshold(grids, true):
     wrong = [moved(true, 2.5, 0, 0)]
     found = try_shapes(grids, [true], wrong, 1.5, PARAMS.surface)
     needed = significance(found.found) - found.by_chance + 0.1
