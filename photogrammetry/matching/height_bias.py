@@ -48,6 +48,9 @@ LINES_PER_METRE = 40.0
 RELIEF_SIGMA = 0.15
 """and its standard deviation."""
 
+MOST_OF_PRIOR = 0.9
+"""Largest standard deviation of an estimate, in those of its prior."""
+
 
 @dataclass(frozen=True, slots=True)
 class HeightBias:
@@ -73,16 +76,18 @@ class HeightBias:
     def pooled(cls, estimates: Iterable[tuple[HeightBias, HeightBias]]) -> HeightBias:
         """Estimates combined, at least 0; that of all ground without any.
 
-        Each is given with the prior that it includes; the mean of the priors counts once.
+        Each is given with the prior that it includes; the mean of the priors counts once. Stated
+        less certain than its prior, an estimate keeps a little of its own information.
         """
-        used = [(one, prior) for one, prior in estimates if 0 < one.sigma < prior.sigma]
+        used = [(one, prior) for one, prior in estimates if one.sigma > 0]
         if not used:
             return USUAL_BIAS
         common = cls.mean([prior for _, prior in used])
         weight, total = common.sigma**-2.0, common.lines * common.sigma**-2.0
         for one, prior in used:
-            weight += one.sigma**-2.0 - prior.sigma**-2.0
-            total += one.lines * one.sigma**-2.0 - prior.lines * prior.sigma**-2.0
+            sigma = min(one.sigma, MOST_OF_PRIOR * prior.sigma)
+            weight += sigma**-2.0 - prior.sigma**-2.0
+            total += one.lines * sigma**-2.0 - prior.lines * prior.sigma**-2.0
         return cls(max(total / weight, 0.0), weight**-0.5)
 
     def differs_from(self, other: HeightBias) -> bool:

@@ -85,6 +85,8 @@ def test_the_height_bias_of_a_stop_pools_its_links_with_one_prior():
     lines = (0.8 / 0.1**2 + 0.3 / 0.2**2 - prior * EXPECTED.lines) / weight
     np.testing.assert_allclose((found.lines, found.sigma), (lines, weight**-0.5))
     assert height_bias_of("D", links) == USUAL_BIAS
+    vague = height_bias_of("E", [link("E", "F", 0.1, 2 * EXPECTED.sigma)])
+    np.testing.assert_allclose(vague.lines, 0.1)
     assert height_bias_of("E", [link("E", "F", -0.1, 0.1)]).lines == 0.0
 
 
