@@ -11,7 +11,8 @@ is fitted over a window; where the parallax deviates from it by no more than noi
 start a region. Starting with the flattest, a region takes the connected samples whose parallax is
 on its plane and whose own plane has the same orientation within an angle, or within the effect of
 noise over the window. Its plane is fitted to them again, until the region stops growing. A region
-that bends by more than noise explains is rejected.
+that bends by more than noise explains, grown within two standard deviations of its samples and
+within the tolerance for all, is rejected.
 
 A region's samples become points in metres, each with the covariance of its own match, and the most
 likely plane is fitted to them (`planes.fit_plane`). Errors of neighbours are correlated, by
@@ -93,7 +94,8 @@ class PlanarRegionParams:
     step_px: WholePixels = 4
     """Distance of the samples: half of the matching window."""
     tolerance_px: Pixels = 0.2
-    """Largest distance of parallaxes from their region's plane: two standard deviations."""
+    """Largest distance of parallaxes from their region's plane; two standard deviations where these
+    are more."""
     turn_deg: Degrees = 15.0
     """Angle between a sample's own plane and its region's that is always accepted."""
     min_samples: Count = 60
@@ -118,6 +120,8 @@ class ParallaxSamples:
     own: Float32[np.ndarray, "3 rows cols"]
     """(a, b, c) of the plane around; NaN where there is none."""
     rms_px: ParallaxMap
+    tolerance_px: ParallaxMap
+    """Largest distance from a region's plane."""
     focal_px: float
     centre_px: tuple[float, float]
 
@@ -125,18 +129,23 @@ class ParallaxSamples:
     def of(
         cls,
         parallax: ParallaxMap,
+        sigma_px: ParallaxMap | None,
         focal_px: float,
         centre_px: tuple[float, float],
         params: PlanarRegionParams,
     ) -> ParallaxSamples:
-        """Samples of a parallax map, NaN where it is not trusted."""
+        """Samples of a parallax map, NaN where it is not trusted, and its standard deviation."""
         own, rms_px = whole_window_planes(parallax, params.window_px)
         pick = (slice(params.step_px // 2, None, params.step_px),) * 2
         row, col = (np.arange(n, dtype=np.float64)[pick[0]] for n in parallax.shape)
         a, b, c = (one[pick] for one in own)
         a = a - b * (col - centre_px[0])[None, :] - c * (row - centre_px[1])[:, None]
         planes = np.stack([a, b, c]).astype(np.float32)
-        return cls(row, col, parallax[pick], planes, rms_px[pick], focal_px, centre_px)
+        tolerance_px = np.full_like(parallax[pick], params.tolerance_px)
+        if sigma_px is not None:
+            tolerance_px = np.maximum(tolerance_px, 2 * sigma_px[pick])
+        samples = parallax[pick], planes, rms_px[pick], tolerance_px
+        return cls(row, col, *samples, focal_px, centre_px)
 
     def part(self, rows: slice, cols: slice) -> ParallaxSamples:
         """The samples of a window."""
@@ -147,6 +156,7 @@ class ParallaxSamples:
             parallax=self.parallax[rows, cols],
             own=self.own[:, rows, cols],
             rms_px=self.rms_px[rows, cols],
+            tolerance_px=self.tolerance_px[rows, cols],
         )
 
     def off(self, plane: Coefficients) -> ParallaxMap:
@@ -162,7 +172,7 @@ class ParallaxSamples:
         own = self.own * scale[:, None, None]
         cosine = np.einsum("i,irc->rc", n / np.linalg.norm(n), own) / np.linalg.norm(own, axis=0)
         tilt = np.abs(self.own[1:] - plane[1:, None, None]).max(axis=0) * (params.window_px / 2)
-        return (cosine >= np.cos(np.radians(params.turn_deg))) | (tilt <= params.tolerance_px)
+        return (cosine >= np.cos(np.radians(params.turn_deg))) | (tilt <= self.tolerance_px)
 
     def fit(self, region: Mask) -> Coefficients:
         """The plane of parallax through the samples of a region."""
@@ -189,14 +199,19 @@ def planar_regions(samples: ParallaxSamples, params: PlanarRegionParams) -> Iter
     """Connected samples of one plane each, the flattest first, without overlaps."""
     free = np.isfinite(samples.rms_px)
     seeds = np.where(free & (samples.rms_px <= FLAT_PX), samples.rms_px, np.inf)
+    narrow = np.full_like(samples.tolerance_px, params.tolerance_px)
     for _ in range(MOST):
         seed = np.unravel_index(np.argmin(seeds), seeds.shape)
         if not np.isfinite(seeds[seed]):
             return
-        region = _grow(samples, free, (int(seed[0]), int(seed[1])), params)
+        for tolerated in (samples, replace(samples, tolerance_px=narrow)):
+            region = _grow(tolerated, free, (int(seed[0]), int(seed[1])), params)
+            flat = region.sum() >= params.min_samples and samples.bow(region) <= BOW_PX
+            if flat:
+                break
         seeds[seed] = np.inf
         seeds[region] = np.inf
-        if region.sum() >= params.min_samples and samples.bow(region) <= BOW_PX:
+        if flat:
             free &= ~region
             yield region
 
@@ -238,7 +253,7 @@ def _on_plane(
 ) -> Mask:
     """Free samples of a window on a plane that are connected with the seed."""
     at = min(seed[0], reach), min(seed[1], reach)
-    on = free & (samples.off(plane) <= params.tolerance_px) & samples.facing(plane, params)
+    on = free & (samples.off(plane) <= samples.tolerance_px) & samples.facing(plane, params)
     if not on[at]:
         return np.zeros_like(on)
     _, labels = cv2.connectedComponents(on.astype(np.uint8), connectivity=4)
@@ -259,8 +274,7 @@ class FacetParams(SightParams):
     """Largest standard deviation of strike and dip: the aim of a geologist's compass is 2 degrees,
     and beyond 10 beds cannot be distinguished."""
     correlation_px: Pixels = 10.0
-    """Distance over which the correlation of parallaxes' errors falls to 1/e: so small planes have
-    the right errors (`tests/support/terrain/dip_truth.py`)."""
+    """Distance over which the correlation of parallaxes' errors falls to 1/e."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -284,9 +298,9 @@ def find_facets(view: TerrainView, params: FacetParams) -> list[Facet]:
     Level ground, and facets whose strike or dip is too uncertain, are left out.
     """
     geometry = view.geometry
-    samples = ParallaxSamples.of(
-        trusted_parallax(view, params), geometry.focal_px, geometry.centre_px, params.regions
-    )
+    shape = geometry.focal_px, geometry.centre_px
+    parallax = trusted_parallax(view, params)
+    samples = ParallaxSamples.of(parallax, view.sigma_px, *shape, params.regions)
     found = []
     for region in planar_regions(samples, params.regions):
         try:

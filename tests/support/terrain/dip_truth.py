@@ -44,7 +44,8 @@ def evaluated(view: TerrainView, truth: Truth) -> list[tuple[float, float, float
     params = FacetParams()
     parallax = trusted_parallax(view, params)
     geometry = view.geometry
-    samples = ParallaxSamples.of(parallax, geometry.focal_px, geometry.centre_px, params.regions)
+    shape = geometry.focal_px, geometry.centre_px
+    samples = ParallaxSamples.of(parallax, view.sigma_px, *shape, params.regions)
     rows = []
     for region in planar_regions(samples, params.regions):
         points, covariances = _points(view, samples, region, params)
