@@ -21,9 +21,7 @@ LEAST_TO_ALIGN = 6
 
 
 SIGNIFICANT_Z = 6.5
-"""Significance of a peak that is hardly random: the widest gate has about 10^6 independent
-positions, whose largest random z is 5.2; in one of 67 searches of stops without common ground it
-was 6.2."""
+"""Significance of a peak that is hardly random (`LinkTestParams.least_z`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +36,8 @@ class LinkTestParams:
     clear_z: FactorOrZero = 10.0
     """Peak that cannot be random: stops with common ground have 8 to 48."""
     least_z: FactorOrZero = SIGNIFICANT_Z
-    """Least significance of a peak."""
+    """Least significance of a peak: the widest gate has about 10^6 independent positions, whose
+    largest random z is 5.2; in one of 67 searches of stops without common ground it was 6.2."""
     chance_factor: FactorFromOne = 2.0
     """Least ratio of a link's ties to those of a wrong hypothesis."""
     chance_sigmas: FactorOrZero = 4.0

@@ -490,11 +490,12 @@ def _iterate(
 ) -> tuple[Pose, Float64[np.ndarray, " 8"], tuple[Cells, ...]] | None:
     """(pose, unknowns, cells) of least squares; None where too little is common.
 
-    `prior` has the expected unknowns and the inverse of their covariance. A step back is halved:
-    where few cells are compared, those within the kernel change from round to round.
+    `prior` has the expected unknowns and the inverse of their covariance. Each step against the one
+    before halves the fraction of a step that is made, each along it doubles it: where few cells are
+    compared, those within the kernel change from round to round, and full steps would oscillate.
     """
     (pose, moved), (expected, known) = start, prior
-    last, share = np.zeros(len(SETTLED)), 1.0
+    last, fraction = np.zeros(len(SETTLED)), 1.0
     for _ in range(rounds):
         cells = _compare(compared, pose, moved)
         if cells is None:
@@ -505,10 +506,10 @@ def _iterate(
             right += some.design.T @ (some.weight * some.residual)
         step = -np.linalg.solve(normal, right)
         now = step[3:] / SETTLED
-        share = share / 2 if now @ last < 0 else min(1.0, 2 * share)
-        step, last = share * step, now
+        fraction = fraction / 2 if now @ last < 0 else min(1.0, 2 * fraction)
+        step, last = fraction * step, now
         moved, pose = moved + step, _move(pose, step[:MOTION])
-        if (np.abs(share * now) < 1).all():
+        if (np.abs(fraction * now) < 1).all():
             break
     cells = _compare(compared, pose, moved)
     return None if cells is None else (pose, moved, cells)
