@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -30,6 +32,8 @@ CHROMIUM = (
     *("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome"),
 )
 FIREFOX = ("firefox-esr", "firefox")
+OLDEST_FIREFOX = 153
+"""The first ESR with the commands by which Playwright records a page's answers; 140 has not."""
 WITHOUT = (
     *("WebUIOmniboxPopup", "WebUIOmniboxFullPopup", "WebUIOmniboxAimPopup"),
     *("AimEnabled", "PreconnectToSearch", "OptimizationHints", "NetworkTimeServiceQuerying"),
@@ -142,8 +146,13 @@ def launch_chromium(driver) -> Iterator:
 
 @contextmanager
 def launch_firefox(driver) -> Iterator:
-    """A headless Firefox as the machine has it; the test is skipped where there is none."""
+    """A headless Firefox as the machine has it; without one, or an old one, the test is skipped."""
     start, path = Path(__file__).with_name("firefox.py"), _installed(FIREFOX)
+    version = subprocess.run([path, "--version"], capture_output=True, text=True, check=True).stdout
+    if int(re.search(r"\d+", version)[0]) < OLDEST_FIREFOX:
+        pytest.skip(
+            f"Playwright needs Firefox {OLDEST_FIREFOX} or newer; here is {version.strip()}"
+        )
     with tempfile.TemporaryDirectory() as folder:
         command = Path(folder) / "firefox"
         command.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{start}" "{path}" "$@"\n')
