@@ -24,18 +24,26 @@ wider, and the membrane is softer from row to row (`view_of_ground`).
 A window averages the noise of its own area alone. A membrane through the parallaxes averages as
 much as noise and texture require: their corrections d are relaxed towards the least
 
-    sum w (r - g d)^2 / s^2 + sum k (dp - dp_0)^2,     k = k_0 / (1 + (dp - dp_0)^2 / e^2)
+    sum w (r - g d)^2 / s^2 + sum k (dp - dp_0)^2 / (1 + (dp - dp_0)^2 / e^2)
 
 over pixels and over pairs of neighbours in rows and columns, whose difference is dp, and dp_0 that
 of the plane of the ground. The noise s is that of the window under its parallax, and r is less its
-mean nearby; w = 1 / (1 + (r / 2s)^2) leaves out outliers. Within rows 1/sqrt(k_0) is `RELIEF_PX`,
-and between rows 1 / sin a as much; k ends the membrane at edges. A few sweeps suffice, because
-windows have removed errors of longer wavelengths, and do not flatten relief.
+mean nearby; w = 1 / (1 + (r / 2s)^2) leaves out outliers, and e ends the membrane at edges.
+
+Its stiffness k follows from the spectra of noise and relief (`_relax`). Relief is fractal:
+its density is c f^-(2 + 2H) at the angular frequency f along the ground, and its variogram grows
+with the lag to the power 2H. Between lags of `LAGS_PX` it grows by relief alone, because both
+contain the same noise, which gives c. The noise of a parallax has the density
+N = s^2 / (g^2 sin a) over the ground. A membrane has 1 / (k sin a f^2), which is made that of the
+relief at the frequency at which relief and noise are equal: what is slower is relief, what is
+faster is noise.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import gamma
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -78,25 +86,35 @@ from solmap.photogrammetry.ranges import (
     WholeParallax,
 )
 
-NOISE_SHARE = 0.134
-"""Variance by noise over s0^2/E: that of a window, 0.67, because a box applied twice has weights
-whose squares sum to 0.46 of themselves, times 1.44 for residuals correlated by resampling
-(`least_squares`); of which the membrane leaves a fifth."""
-
-UNSETTLED_SHARE = 2.0
-"""Variance over the mean square of the step that windows would take next, which is larger where
-errors are alike over many pixels, as those of compression are."""
-
-RELIEF_SHARE = 14.0
-"""Variance by relief over the mean square difference of neighbours. The three shares are by known
-truth of planes, simulated, compressed and rendered ground and Middlebury's scenes."""
+ERROR_SHARE = 2.6
+"""Variance of a parallax over that of its differences at the distance at which relief and noise are
+equal: known truth of simulated, compressed and rendered ground, and of Middlebury's scenes."""
 
 SURFACE_EDGE_PX = np.float32(0.2)
 """Largest difference that counts as relief: the membrane hardly joins larger ones."""
 
-RELIEF_PX = np.float32(0.035)
-"""Standard deviation of the difference between the parallaxes of neighbours in a row, less that of
-the plane of the ground: 0.01 to 0.04 on simulated and rendered ground (known truth)."""
+ROUGHNESS = 0.8
+"""Hurst exponent H of relief: 0.8 on simulated and rendered ground (known truth)."""
+
+LAGS_PX = 10, 20
+"""Distances within rows between which the variogram is that of relief: wider than the windows."""
+
+DENSITY_OF_VARIANCE = np.pi * 4**ROUGHNESS * 2 * ROUGHNESS * gamma(1 + ROUGHNESS)
+DENSITY_OF_VARIANCE /= gamma(1 - ROUGHNESS)
+"""Density of relief at the frequency of 1 over its variogram at the lag of 1."""
+
+LEAST_RELIEF_PX, USUAL_RELIEF_PX = 0.001, 0.01
+"""Standard deviation of relief from a pixel to the next one: at least, and if it is unknown."""
+
+LARGEST_RELIEF_PX = 0.5
+"""Largest difference over these distances that counts as relief."""
+
+ACROSS_ROWS = 1.5
+"""Power of sin a by which the membrane is softer between rows than within them. On an endless
+fractal it would be 2; differences between far rows, metres apart, are smaller than that of one."""
+
+LEAST_SINE = np.float32(0.02)
+"""Sine of the angle below which ground is treated as seen at it."""
 
 RELIEF_EDGE_PX = np.float32(0.07)
 """Difference at which the membrane's stiffness is halved."""
@@ -107,8 +125,8 @@ OUTLIER_SIGMAS = 2.0
 WARPS = 2
 """How often residuals are computed again for the membrane."""
 
-SWEEPS = 12
-"""Relaxations for each of them. With 40, slopes of rippled ground are flattened."""
+SWEEPS = 24
+"""Relaxations for each of them: with 40, parallaxes are the same."""
 
 SURROUNDINGS_PX = 21
 """Window, odd, over which the images may differ in brightness, and windows' errors are averaged."""
@@ -128,6 +146,9 @@ area and are as foreshortened as the ground."""
 
 REACH_SIGMAS = 1.5
 """Radius of the discs of smoothing, in standard deviations of their weights."""
+
+Row: TypeAlias = Float32[np.ndarray, " lines"]
+"""A number for every row of an image."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,9 +290,8 @@ class PixelwiseMatcher:
         for _ in range(self.params.steps - 1):
             parallax = self.smooth(parallax + self._step(windows, parallax))
         parallax += self._step(windows, parallax)
-        left_over = _mean(self._step(windows, parallax) ** 2, windows.known)
-        parallax = self._relax(windows, parallax)
-        fit = self._fit(windows, parallax, left_over)
+        parallax, frequency = self._relax(windows, parallax)
+        fit = self._fit(windows, parallax, frequency)
         good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
         good &= np.abs(parallax - rough) <= FURTHEST_PX
@@ -284,14 +304,12 @@ class PixelwiseMatcher:
         radius = round(REACH_SIGMAS * sigma_px)
         return smooth_surfaces(parallax, np.float32(sigma_px), np.float32(edge_px), radius)
 
-    def _fit(self, windows: Windows, parallax: ParallaxMap, left_over: ParallaxMap) -> Fit:
-        """Agreement of the images under a parallax; `left_over`: mean square of a further step."""
+    def _fit(self, windows: Windows, parallax: ParallaxMap, frequency: Row) -> Fit:
+        """Agreement of the images under a parallax smoothed up to a frequency of every row."""
         variance = self._variance(windows, self._residual(parallax))
-        noise = np.float32(NOISE_SHARE) * variance / windows.energy
-        relief = np.float32(RELIEF_SHARE) * self._relief(parallax)
-        unsettled = np.float32(UNSETTLED_SHARE) * left_over
+        grows = np.float32(ERROR_SHARE) * frequency ** np.float32(-2 * ROUGHNESS)
         return Fit(
-            sigma_px=np.sqrt(np.maximum(noise + relief + unsettled, TINY)),
+            sigma_px=np.sqrt(np.maximum(grows[:, None] * self._relief(parallax), TINY)),
             correlation=1 - variance / np.maximum(2 * self._contrast(windows), TINY),
         )
 
@@ -316,13 +334,17 @@ class PixelwiseMatcher:
         products = self._window_sum(windows.slope, residual)
         return least_squares_step(products, total, windows.slopes, windows.count, windows.energy)
 
-    def _relax(self, windows: Windows, parallax: ParallaxMap) -> ParallaxMap:
-        """The parallax of a membrane, from that of windows."""
+    def _relax(self, windows: Windows, parallax: ParallaxMap) -> tuple[ParallaxMap, Row]:
+        """The parallax of a membrane, from that of windows, and its frequency in every row."""
         variance = np.maximum(self._variance(windows, self._residual(parallax)), TINY)
         certain = np.where(windows.known, 1 / variance, np.float32(0))
         right_slopes = row_coefficients(row_slope(self.right_coefficients))
-        along = np.full(len(parallax), RELIEF_PX**-2, np.float32)
-        stiffness = (along, along * self.ground.sine**2)
+        density = relief_density(parallax, self.ground)
+        frequency = density * _mean_of_rows(certain * windows.slope**2, windows.known)
+        sine = np.maximum(self.ground.sine, LEAST_SINE)
+        frequency = (frequency * sine) ** np.float32(1 / (2 + 2 * ROUGHNESS))
+        along = frequency ** np.float32(2 * ROUGHNESS) / (density * sine)
+        stiffness = (along, along * sine ** np.float32(ACROSS_ROWS))
         for _ in range(WARPS):
             residual = self._residual(parallax)
             residual -= _nearby(residual * certain) / np.maximum(_nearby(certain), TINY)
@@ -332,7 +354,7 @@ class PixelwiseMatcher:
             parallax = relax_membrane(
                 parallax, fit, stiffness, self.ground.gradient, RELIEF_EDGE_PX, SWEEPS
             )
-        return parallax
+        return parallax, frequency
 
     def _residual(self, parallax: ParallaxMap) -> GreyImage:
         """The right image less the left one under a parallax; 0 where there is none."""
@@ -355,6 +377,30 @@ class PixelwiseMatcher:
         low, wide = int(side * SQUEEZE) | 1, int(side / SQUEEZE) - 1 | 1
         far, near = (_twice(wide), _twice(low)), (_twice(side), _twice(side))
         return window_sums(a, b, far, near, self.ground.far_lines)
+
+
+def relief_density(parallax: ParallaxMap, ground: GroundView) -> np.float32:
+    """Factor c of the density of relief, c f^-(2 + 2H), pixels; f in radians a pixel."""
+    variances = []
+    for lag in LAGS_PX:
+        off = parallax[:, lag:] - parallax[:, :-lag] - np.float32(lag) * ground.gradient[0]
+        known = np.isfinite(off)
+        if not known.any():
+            return np.float32(DENSITY_OF_VARIANCE * USUAL_RELIEF_PX**2)
+        square = np.minimum(off * off, np.float32(LARGEST_RELIEF_PX**2), where=known, out=off)
+        variances.append(float(square.mean(where=known, dtype=np.float64)))
+    near, far = (lag ** (2 * ROUGHNESS) for lag in LAGS_PX)
+    variance = (variances[1] - variances[0]) / (far - near)
+    return np.float32(DENSITY_OF_VARIANCE * max(variance, LEAST_RELIEF_PX**2))
+
+
+def _mean_of_rows(values: GreyImage, known: Mask) -> Row:
+    """Mean of the known pixels of every row and those around it."""
+    one = known.astype(np.float32)
+    sums, number = (
+        cv2.blur(cv2.reduce(a, 1, cv2.REDUCE_SUM), (1, SURROUNDINGS_PX)) for a in (values, one)
+    )
+    return np.maximum(sums / np.maximum(number, 1), TINY).ravel()
 
 
 def _nearby(values: GreyImage) -> GreyImage:
