@@ -18,7 +18,7 @@ from typing import Any, Literal, Self
 
 from solmap.products.recipe_names import RECIPE_NAMES, RecipeNames
 
-SCIENCE_VERSION = 11
+SCIENCE_VERSION = 12
 """Version of the science: increased when equal inputs and parameters give other products;
 CHANGELOG.md lists the changes."""
 

@@ -42,7 +42,7 @@ RIM = 2
 FAINT = 1e-9
 """Contrast treated as zero."""
 
-OVER_RELAXATION = np.float32(1.5)
+OVER_RELAXATION = np.float32(1.7)
 """Factor of corrections of a membrane: with less, errors of long wavelengths take more sweeps."""
 
 STIFFNESS = 1e-6

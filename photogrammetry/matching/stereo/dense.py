@@ -125,8 +125,9 @@ OUTLIER_SIGMAS = 2.0
 WARPS = 2
 """How often residuals are computed again for the membrane."""
 
-SWEEPS = 24
-"""Relaxations for each of them: with 40, parallaxes are the same."""
+SWEEPS = 12
+"""Relaxations for each of them. With 40, errors by noise are a tenth less on compressed images, and
+those by relief a tenth larger on path-traced ones."""
 
 SURROUNDINGS_PX = 21
 """Window, odd, over which the images may differ in brightness, and windows' errors are averaged."""

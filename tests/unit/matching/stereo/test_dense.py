@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,7 +15,12 @@ from solmap.photogrammetry.matching.stereo.dense import (
     match_densely,
 )
 from solmap.photogrammetry.matching.stereo.orientation import vertical_parallax
-from solmap.photogrammetry.matching.stereo.semi_global import GRAZING, view_of_ground
+from solmap.photogrammetry.matching.stereo.semi_global import (
+    GRAZING,
+    LEVEL,
+    GroundView,
+    view_of_ground,
+)
 from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
 from tests.support.plain_stereo import plainly_wrong_at, wrong_and_filled
 from tests.support.textured_planes import Plane
@@ -45,6 +51,28 @@ def test_the_stated_sigma_is_that_of_the_errors(scene, ground, noise):
     known = np.isfinite(found.parallax_px)
     normalised = (found.parallax_px - world.parallax_px)[known] / found.sigma_px[known]
     assert 1.4826 * np.median(np.abs(normalised)) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("density", [1e-4, 5e-4])
+def test_the_density_of_relief_is_found_under_noise(rng, density):
+    frequency = 2 * np.pi * np.hypot(*np.meshgrid(*(np.fft.fftfreq(1024),) * 2))
+    frequency[0, 0] = np.inf
+    amplitude = np.sqrt(density) * frequency ** -(1 + dense.ROUGHNESS)
+    relief = 30 + np.fft.ifft2(np.fft.fft2(rng.normal(size=(1024, 1024))) * amplitude).real
+    noise = cv2.blur(rng.normal(size=relief.shape) * 0.5, (5, 5))  # 0.1 px, as windows leave it
+    ground = GroundView(LEVEL, np.ones(1024, np.float32))
+    clean, noisy = (
+        dense.relief_density(parallax.astype(np.float32), ground)
+        for parallax in (relief, relief + noise)
+    )
+    assert clean == pytest.approx(density, rel=0.3)  # waves longer than the image are missing
+    assert noisy == pytest.approx(clean, rel=0.1)
+
+
+def test_relief_without_distances_between_pixels_has_the_usual_density():
+    ground = GroundView(LEVEL, np.ones(8, np.float32))
+    found = dense.relief_density(np.full((8, 40), np.nan, np.float32), ground)
+    assert found == pytest.approx(dense.DENSITY_OF_VARIANCE * dense.USUAL_RELIEF_PX**2)
 
 
 @pytest.mark.parametrize("noise", [10.0, 40.0])
