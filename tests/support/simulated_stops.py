@@ -17,7 +17,7 @@ from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
 from solmap.photogrammetry.synthetic.downlink import RenderJob
@@ -123,13 +123,18 @@ def _made(which: WorldOfStops, number: int) -> SimulatedStop:
 
 
 def _matched(world: World, shot: Shot) -> MatchedPair:
-    left, right = (_read(world, shot, eye) for eye in (Eye.LEFT, Eye.RIGHT))
-    right = replace(right, image=replace(right.image, camera=_right_camera(world, shot)))
-    images = resample_pair(left, right, pair_geometry(left.image, right.image))
+    left, images = images_of(world, shot)
     name = left.image.id
     matches = match_sparsely(name, images, SparseParams())
     parallax, sun = match_densely(images).parallax_px, left.image.sun
     return MatchedPair.of(name, left.image.instrument, images, matches, parallax, sun)
+
+
+def images_of(world: World, shot: Shot) -> tuple[ReadImage, EpipolarImages]:
+    """The left image of a pair, and both as epipolar images in the geometry of the true rig."""
+    left, right = (_read(world, shot, eye) for eye in (Eye.LEFT, Eye.RIGHT))
+    right = replace(right, image=replace(right.image, camera=_right_camera(world, shot)))
+    return left, resample_pair(left, right, pair_geometry(left.image, right.image))
 
 
 def _right_camera(world: World, shot: Shot) -> Cahvor:

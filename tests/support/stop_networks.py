@@ -137,24 +137,23 @@ def world_folder(name: str) -> Path:
 
 def stops_of_world(name: str) -> list[SimulatedStop]:
     """The first stops of a world: `husband`, another rendered one's folder, or terrain and seed."""
-    if name.startswith(REALISTIC):
-        return realistic_stops(name.removeprefix(REALISTIC))
     folder = world_folder(name)
     if folder.is_dir():
         return rendered_stops(folder)
-    terrain = next(kind for kind in TERRAINS if name.startswith(kind))
-    seed = int(name.removeprefix(terrain))
-    world = WorldOfStops(terrain, NEAR if seed <= LAST_NEAR else FAR, seed)
+    world = simulated_world(name)
     return [simulated_stop(world, number) for number in range(STOPS)]
 
 
-def realistic_stops(name: str) -> list[SimulatedStop]:
-    """The stops of a realistic simulated traverse by terrain and seed."""
-    terrain = next(kind for kind in TERRAINS if name.startswith(kind))
-    seed, traverse = int(name.removeprefix(terrain)), TraverseParams(stops=STOPS)
+def simulated_world(name: str) -> WorldOfStops:
+    """A simulated world by terrain and seed, and whether it is realistic."""
+    kind = name.removeprefix(REALISTIC)
+    terrain = next(terrain for terrain in TERRAINS if kind.startswith(terrain))
+    seed = int(kind.removeprefix(terrain))
+    if kind == name:
+        return WorldOfStops(terrain, NEAR if seed <= LAST_NEAR else FAR, seed)
+    traverse = TraverseParams(stops=STOPS)
     like = realistic_params(WorldParams(terrain, traverse), seed)
-    world = WorldOfStops(terrain, traverse.spacing_m, seed, STOPS, like=like)
-    return [simulated_stop(world, number) for number in range(STOPS)]
+    return WorldOfStops(terrain, traverse.spacing_m, seed, STOPS, like=like)
 
 
 def main() -> None:
