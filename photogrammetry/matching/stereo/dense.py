@@ -114,6 +114,15 @@ ACROSS_ROWS = 1.5
 """Power of sin a by which the membrane is softer between rows than within them. On an endless
 fractal it would be 2; differences between far rows, metres apart, are smaller than that of one."""
 
+OFF_CENTRE = np.float32(4 - ACROSS_ROWS + 1 - ROUGHNESS / (1 + ROUGHNESS))
+"""By how many times L^2 / y relief is moved away from the camera: L^2 is stiffness over information
+between rows, and y the number of rows to the horizon. Smoothing spreads it over rows by 2 L^2, of
+which the further ones show more ground, and a height causes less parallax there: 4. It spreads more
+towards stiffer rows, and stiffness grows as a power of y, which is the rest."""
+
+ONE_LINE = np.float32(1)
+"""Largest movement."""
+
 LEAST_SINE = np.float32(0.02)
 """Sine of the angle below which ground is treated as seen at it."""
 
@@ -342,7 +351,8 @@ class PixelwiseMatcher:
         certain = np.where(windows.known, 1 / variance, np.float32(0))
         right_slopes = row_coefficients(row_slope(self.right_coefficients))
         density = relief_density(parallax, self.ground)
-        frequency = density * _mean_of_rows(certain * windows.slope**2, windows.known)
+        information = _mean_of_rows(certain * windows.slope**2, windows.known)
+        frequency = density * information
         sine = np.maximum(self.ground.sine, LEAST_SINE)
         frequency = (frequency * sine) ** np.float32(1 / (2 + 2 * ROUGHNESS))
         along = frequency ** np.float32(2 * ROUGHNESS) / (density * sine)
@@ -356,7 +366,15 @@ class PixelwiseMatcher:
             parallax = relax_membrane(
                 parallax, fit, stiffness, self.ground.gradient, RELIEF_EDGE_PX, SWEEPS
             )
-        return parallax, frequency
+        lines = OFF_CENTRE * stiffness[1] / information * np.gradient(sine) / sine
+        return self._centred(parallax, np.minimum(lines, ONE_LINE)), frequency
+
+    def _centred(self, parallax: ParallaxMap, lines: Row) -> ParallaxMap:
+        """Relief moved back by some lines, towards the camera."""
+        slope = np.zeros_like(parallax)
+        slope[1:-1] = (parallax[2:] - parallax[:-2]) / 2 - self.ground.gradient[1]
+        slope = np.clip(np.nan_to_num(slope), -SURFACE_EDGE_PX, SURFACE_EDGE_PX)
+        return parallax - lines[:, None] * slope
 
     def _residual(self, parallax: ParallaxMap) -> GreyImage:
         """The right image less the left one under a parallax; 0 where there is none."""
