@@ -120,8 +120,8 @@ between rows, and y the number of rows to the horizon. Smoothing spreads it over
 which the further ones show more ground, and a height causes less parallax there: 4. It spreads more
 towards stiffer rows, and stiffness grows as a power of y, which is the rest."""
 
-ONE_LINE = np.float32(1)
-"""Largest movement."""
+LARGEST_LINES = np.float32(0.3)
+"""Largest movement; flat ground, which is smoothed most, has no relief to be moved."""
 
 LEAST_SINE = np.float32(0.02)
 """Sine of the angle below which ground is treated as seen at it."""
@@ -366,15 +366,9 @@ class PixelwiseMatcher:
             parallax = relax_membrane(
                 parallax, fit, stiffness, self.ground.gradient, RELIEF_EDGE_PX, SWEEPS
             )
-        lines = OFF_CENTRE * stiffness[1] / information * np.gradient(sine) / sine
-        return self._centred(parallax, np.minimum(lines, ONE_LINE)), frequency
-
-    def _centred(self, parallax: ParallaxMap, lines: Row) -> ParallaxMap:
-        """Relief moved back by some lines, towards the camera."""
-        slope = np.zeros_like(parallax)
-        slope[1:-1] = (parallax[2:] - parallax[:-2]) / 2 - self.ground.gradient[1]
-        slope = np.clip(np.nan_to_num(slope), -SURFACE_EDGE_PX, SURFACE_EDGE_PX)
-        return parallax - lines[:, None] * slope
+        per_line = np.diff(sine, append=sine[-1:]) / sine
+        lines = np.minimum(OFF_CENTRE * stiffness[1] / information * per_line, LARGEST_LINES)
+        return moved_down(parallax, lines, self.ground.gradient[1]), frequency
 
     def _residual(self, parallax: ParallaxMap) -> GreyImage:
         """The right image less the left one under a parallax; 0 where there is none."""
@@ -412,6 +406,14 @@ def relief_density(parallax: ParallaxMap, ground: GroundView) -> np.float32:
     near, far = (lag ** (2 * ROUGHNESS) for lag in LAGS_PX)
     variance = (variances[1] - variances[0]) / (far - near)
     return np.float32(DENSITY_OF_VARIANCE * max(variance, LEAST_RELIEF_PX**2))
+
+
+def moved_down(parallax: ParallaxMap, lines: Row, per_line: np.float32) -> ParallaxMap:
+    """Relief of a parallax moved down by a part of a line; `per_line`: gradient of the ground."""
+    slope = np.zeros_like(parallax)
+    slope[1:-1] = (parallax[2:] - parallax[:-2]) / 2 - per_line
+    slope = np.clip(np.nan_to_num(slope), -SURFACE_EDGE_PX, SURFACE_EDGE_PX)
+    return parallax - lines[:, None] * slope
 
 
 def _mean_of_rows(values: GreyImage, known: Mask) -> Row:

@@ -75,6 +75,16 @@ def test_relief_without_distances_between_pixels_has_the_usual_density():
     assert found == pytest.approx(dense.DENSITY_OF_VARIANCE * dense.USUAL_RELIEF_PX**2)
 
 
+def test_relief_is_moved_down_by_a_part_of_a_line_and_the_ground_is_not():
+    line = np.arange(60, dtype=np.float32)[:, None] * np.ones(3, np.float32)
+
+    def parallax(moved):
+        return 0.13 * line + 0.2 * np.sin((line - moved) / 5)
+
+    moved = dense.moved_down(parallax(0.0), np.full(60, 0.2, np.float32), np.float32(0.13))
+    assert moved[1:-1] == pytest.approx(parallax(0.2)[1:-1], abs=5e-4)
+
+
 @pytest.mark.parametrize("noise", [10.0, 40.0])
 def test_the_membrane_averages_noise_beyond_windows(scene, ground, noise, monkeypatch):
     world = scene([ground], noise=noise)
