@@ -6,7 +6,7 @@ from tests.support.browsing import Server, look, open_page, until
 
 
 def test_all_requests_and_links_of_the_page_are_below_the_path(browser, workspace):
-    with Server(workspace.store.root, "/solmap") as server, open_page(browser) as page:
+    with Server(workspace.store.root, "/solmap") as server, open_page(browser, is_new=True) as page:
         requested = []
         page.on("request", lambda request: requested.append(request.url))
         look(page, f"{server.url}/")
