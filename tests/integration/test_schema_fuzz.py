@@ -104,6 +104,7 @@ def fuzz(target: Target, folder: Path, token: str | None, *bounds: str) -> str:
     }
     command = [sys.executable, "-m", "schemathesis.cli", "--config-file", str(config), "run"]
     command += [f"{target.address}/openapi.json", "--exclude-path", "/api/events"]
+    command += ["--wait-for-schema", "60"]  # of a machine under load
     command += ["--checks", ",".join(CHECKS), "--seed", "20040104", "--continue-on-failure"]
     command += ["--generation-database", "none", "--no-color", "--suppress-health-check", "all"]
     command += bounds
