@@ -101,9 +101,11 @@ ROUGHNESS = 0.8
 LAGS_PX = 10, 20
 """Distances within rows between which the variogram is that of relief: wider than the windows."""
 
-DENSITY_OF_VARIANCE = np.pi * 4**ROUGHNESS * 2 * ROUGHNESS * gamma(1 + ROUGHNESS)
-DENSITY_OF_VARIANCE /= gamma(1 - ROUGHNESS)
-"""Density of relief at the frequency of 1 over its variogram at the lag of 1."""
+DENSITY_OF_VARIANCE = (
+    2 * np.pi * ROUGHNESS * 4**ROUGHNESS * gamma(1 + ROUGHNESS) / gamma(1 - ROUGHNESS)
+)
+"""Density of relief at the frequency of 1 over its variogram at the lag of 1, by the integral of
+f^-(1 + 2H) (1 - J_0(f)) from 0 to infinity."""
 
 LEAST_RELIEF_PX, USUAL_RELIEF_PX = 0.001, 0.01
 """Standard deviation of relief from a pixel to the next one: at least, and if it is unknown."""
@@ -141,7 +143,7 @@ SWEEPS = 12
 those by relief up to 6 % larger on path-traced ones."""
 
 SURROUNDINGS_PX = 21
-"""Window, odd, over which the images may differ in brightness, and windows' errors are averaged."""
+"""Window, odd, over which the images may differ in brightness, and relief is averaged."""
 
 TINY = np.float32(1e-6)
 """Energy or contrast treated as zero."""
@@ -317,11 +319,11 @@ class PixelwiseMatcher:
         return smooth_surfaces(parallax, np.float32(sigma_px), np.float32(edge_px), radius)
 
     def _fit(self, windows: Windows, parallax: ParallaxMap, frequency: Row) -> Fit:
-        """Agreement of the images under a parallax smoothed up to a frequency of every row."""
+        """Agreement of the images under a parallax whose smoothing ends at a frequency."""
         variance = self._variance(windows, self._residual(parallax))
-        grows = np.float32(ERROR_SHARE) * frequency ** np.float32(-2 * ROUGHNESS)
+        share = np.float32(ERROR_SHARE) * frequency ** np.float32(-2 * ROUGHNESS)
         return Fit(
-            sigma_px=np.sqrt(np.maximum(grows[:, None] * self._relief(parallax), TINY)),
+            sigma_px=np.sqrt(np.maximum(share[:, None] * self._relief(parallax), TINY)),
             correlation=1 - variance / np.maximum(2 * self._contrast(windows), TINY),
         )
 
@@ -347,15 +349,17 @@ class PixelwiseMatcher:
         return least_squares_step(products, total, windows.slopes, windows.count, windows.energy)
 
     def _relax(self, windows: Windows, parallax: ParallaxMap) -> tuple[ParallaxMap, Row]:
-        """The parallax of a membrane, from that of windows, and its frequency in every row."""
+        """The parallax of a membrane, from that of windows, and the frequency f at which it ends.
+
+        Frequencies are those of every row, in radians a pixel.
+        """
         variance = np.maximum(self._variance(windows, self._residual(parallax)), TINY)
         certain = np.where(windows.known, 1 / variance, np.float32(0))
         right_slopes = row_coefficients(row_slope(self.right_coefficients))
         density = relief_density(parallax, self.ground)
         information = _mean_of_rows(certain * windows.slope**2, windows.known)
-        frequency = density * information
         sine = np.maximum(self.ground.sine, LEAST_SINE)
-        frequency = (frequency * sine) ** np.float32(1 / (2 + 2 * ROUGHNESS))
+        frequency = (density * information * sine) ** np.float32(1 / (2 + 2 * ROUGHNESS))
         along = frequency ** np.float32(2 * ROUGHNESS) / (density * sine)
         stiffness = (along, along * sine ** np.float32(ACROSS_ROWS))
         for _ in range(WARPS):

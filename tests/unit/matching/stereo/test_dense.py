@@ -223,12 +223,11 @@ def test_an_image_without_texture_has_no_parallaxes(scene, ground):
 
 def test_a_stricter_limit_of_sigma_leaves_out_more(scene, ground):
     world = scene([ground], noise=60.0)
-    all_of_them = match_densely(world.images)
-    middle_px = float(np.nanmedian(all_of_them.sigma_px))
-    strict = DenseParams(refinement=RefinementParams(largest_sigma_px=middle_px))
-    found = match_densely(world.images, strict)
-    assert np.nanmax(found.sigma_px) <= middle_px
-    assert np.isfinite(found.parallax_px).sum() < np.isfinite(all_of_them.parallax_px).sum()
+    strict = DenseParams(refinement=RefinementParams(largest_sigma_px=0.1))
+    assert (
+        np.isfinite(match_densely(world.images, strict).parallax_px).sum()
+        < np.isfinite(match_densely(world.images).parallax_px).sum()
+    )
 
 
 def test_the_parallax_plane_is_that_of_the_ground_despite_objects(rng):
