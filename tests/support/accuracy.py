@@ -12,7 +12,9 @@ tied without error to others, but the rover is known to stand to it only as the 
 pointings. With the mean miss M_k of a stop's pairs (label rover to true rover) and T_k its true
 pose, the first stop held, stop k comes to
 
-    T_0 M_0^-1 T_0^-1 T_k M_k.
+    T_0 M_0^-1 T_0^-1 T_k M_k,
+
+and the ground about the held stop is turned by T_0 M_0^-1 T_0^-1.
 """
 
 from __future__ import annotations
@@ -25,28 +27,33 @@ import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from solmap.flows.cli.evaluation import (
+    RANGE_BANDS_M,
     TrueStop,
     attitude_error_deg,
     evaluate_positions,
     evaluate_terrain,
+    true_elevation,
     true_stops,
 )
 from solmap.flows.cli.tables import position_rows
 from solmap.photogrammetry.archive.images.reading import read_image
+from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.synthetic.scene import WorldParams, realistic_params
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import pose_of_document, read_ties
+from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef
 from tests.support.husband_truth import true_pose
 from tests.support.scorecard import markdown, scorecard
@@ -60,6 +67,9 @@ RENDERED = [CACHE / "worlds", CACHE / "rendered_husband"]
 HOW_TO_RENDER = (
     "see the README of the folder `render` beside the shared data; simulated worlds only"
 )
+
+PointedStop: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""True rotation of a stop, mean miss of its pairs, and true position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +149,24 @@ def evaluated(world: Path, workspace: Workspace) -> dict[str, Any]:
     """Errors of stops, links and terrain, with the floor of mast pointing beside."""
     truth = world / "truth"
     stops = evaluate_positions(position_rows(workspace), true_stops(truth))
-    floors = pointing_floor(world)
+    poses = pointed_stops(world)
+    floors = dict(zip(map(_name, true_stops(truth)), floors_of(poses), strict=True))
     for row in stops:
         row["floor"] = floors[row["stop"].partition("-")[2]]
+    figures = {
+        "stops": stops,
+        "links": links_of(world, workspace),
+        "bias_m": {},
+        "bias_floor_m": {},
+    }
+    if not (truth / "dtm.tif").exists():
+        return figures
     held = next(row["stop"] for row in stops if row["driven_m"] == 0)
-    bands = evaluate_terrain(workspace, truth) if (truth / "dtm.tif").exists() else []
-    bias = {"{}-{}".format(*row["range_m"]): row["bias_m"] for row in bands if row["stop"] == held}
-    return {"stops": stops, "links": links_of(world, workspace), "bias_m": bias}
+    bands = [row for row in evaluate_terrain(workspace, truth) if row["stop"] == held]
+    dtm = read_dtm(workspace.store.path(workspace.catalogue.layer(held, ProductKind.DTM).ref))
+    bias = {"{}-{}".format(*row["range_m"]): row["bias_m"] for row in bands}
+    floor = bias_floors(dtm, true_elevation(dtm, truth / "dtm.tif"), *poses[0])
+    return figures | {"bias_m": bias, "bias_floor_m": {band: floor[band] for band in bias}}
 
 
 def links_of(world: Path, workspace: Workspace) -> list[dict[str, Any]]:
@@ -181,8 +202,8 @@ def _name(stop: TrueStop) -> str:
     return f"site{stop.site:04d}-drive{stop.drive:04d}"
 
 
-def pointing_floor(world: Path) -> dict[str, dict[str, float]]:
-    """Errors that mast pointing alone leaves at every stop, the first one held."""
+def pointed_stops(world: Path) -> list[PointedStop]:
+    """The stops of a world, in their order."""
     stops = true_stops(world / "truth")
     images = json.loads((world / "truth" / "truth.json").read_text())["images"]
     files = {path.stem.upper(): path for path in world.glob("sol*/edr/*.img")}
@@ -196,13 +217,12 @@ def pointing_floor(world: Path) -> dict[str, dict[str, float]]:
             misses.append(Rotation.from_matrix(miss).as_rotvec())
         mean = Rotation.from_rotvec(np.mean(misses, axis=0)).as_matrix()
         poses.append((stop.rotation, mean, stop.position))
-    return dict(zip(map(_name, stops), floors_of(poses), strict=True))
+    return poses
 
 
-def floors_of(stops: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[dict[str, float]]:
-    """The same of (true rotation, mean miss of the pairs, true position) of the stops."""
-    held, miss, origin = stops[0]
-    turn = held @ miss.T @ held.T
+def floors_of(stops: Sequence[PointedStop]) -> list[dict[str, float]]:
+    """Errors that mast pointing alone leaves at every stop, the first one held."""
+    turn, origin = _turn(*stops[0][:2]), stops[0][2]
     floors, driven_m, before = [], 0.0, origin
     for rotation, mean, position in stops:
         driven_m += float(np.linalg.norm(position - before))
@@ -218,6 +238,30 @@ def floors_of(stops: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[di
             }
         )
     return floors
+
+
+def bias_floors(
+    dtm: Dtm, true: Raster, rotation: np.ndarray, mean: np.ndarray, position: np.ndarray
+) -> dict[str, float]:
+    """Height bias that mast pointing alone leaves of the held stop's terrain, by range, metres."""
+    east, north = dtm.grid.centres()
+    places = np.stack(
+        [*np.meshgrid(north - position[0], east - position[1], indexing="ij"), -true - position[2]]
+    )
+    shift = np.tensordot(_turn(rotation, mean) - np.eye(3), places, axes=1)
+    by_north, by_east = np.gradient(true, north, east)
+    raised = -shift[2] - by_north * shift[0] - by_east * shift[1]
+    range_m = np.hypot(places[0], places[1])
+    floors = {}
+    for low, high in RANGE_BANDS_M:
+        here = np.isfinite(dtm.elevation + raised) & (range_m >= low) & (range_m < high)
+        floors[f"{low}-{high}"] = round(float(np.median(raised[here])), 4) if here.any() else 0.0
+    return floors
+
+
+def _turn(rotation: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Rotation of all ground by the mean miss of the held stop's pairs."""
+    return rotation @ mean.T @ rotation.T
 
 
 def worlds_of(folders: Iterable[Path]) -> list[Path]:

@@ -45,9 +45,13 @@ def scorecard(results: Iterable[Result]) -> list[dict[str, Any]]:
         if some:
             rows.append(_between(f"links found {name}, share", float(np.mean(some)), (least, 1.0)))
     for band, limit_m in (("0-10", 0.005), ("10-20", 0.005), ("20-30", 0.01)):
-        bias = [abs(result["bias_m"][band]) for result in evaluated if band in result["bias_m"]]
-        if bias:
-            rows.append(_goal(f"height bias at {band} m, median, m", np.median(bias), limit_m))
+        here = [result for result in evaluated if band in result["bias_m"]]
+        bias, floor = (
+            np.abs([result[name][band] for result in here]) for name in ("bias_m", "bias_floor_m")
+        )
+        if here:
+            name = f"height bias at {band} m, median, m"
+            rows.append(_goal(name, np.median(bias), limit_m, floor))
     return rows
 
 
@@ -128,8 +132,8 @@ def markdown(card: Iterable[dict[str, Any]], results: Iterable[Result]) -> str:
             ),
             _table(
                 (
-                    "world", "NEES/6", "links found", "refused", "false", "bias 0-10 m", "10-20 m",
-                    "20-30 m", "processor s a stop",
+                    "world", "NEES/6", "links found", "refused", "false", "bias 0-10 m (floor)",
+                    "10-20 m", "20-30 m", "processor s a stop",
                 ),
                 worlds,
             ),
@@ -142,7 +146,12 @@ def _world_row(result: Result) -> tuple[Any, ...]:
     if result["failure"]:
         return (result["world"], "failed", *["-"] * 6, result["cpu_s_a_stop"])
     linked = [link["linked"] for link in result["links"]]
-    bias = [_or_dash(result["bias_m"].get(band)) for band in ("0-10", "10-20", "20-30")]
+    bias = [
+        f"{result['bias_m'][band]} ({result['bias_floor_m'][band]})"
+        if band in result["bias_m"]
+        else "-"
+        for band in ("0-10", "10-20", "20-30")
+    ]
     return (
         result["world"] + (" (other code)" if result.get("of_other_code") else ""),
         round(mean_nees(result), 2),

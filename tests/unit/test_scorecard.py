@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.support.accuracy import floors_of
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.records import Dtm
+from tests.support.accuracy import bias_floors, floors_of
 from tests.support.scorecard import markdown, scorecard
 
 FLOOR = {"error_m": 0.01, "percent": 0.05, "azimuth_deg": -0.02, "tilt_deg": 0.03}
@@ -26,7 +28,8 @@ def stop(driven_m, percent, nees, **others):
 
 
 def world(*stops, links=(), **others):
-    reported = {"world": "here", "failure": "", "cpu_s_a_stop": 55.0, "bias_m": {"0-10": -0.001}}
+    bias = {"bias_m": {"0-10": -0.001}, "bias_floor_m": {"0-10": 0.0}}
+    reported = {"world": "here", "failure": "", "cpu_s_a_stop": 55.0} | bias
     return reported | {"stops": list(stops), "links": list(links)} | others
 
 
@@ -90,3 +93,18 @@ def test_the_lower_limit_is_the_mean_pointing_error_of_both_panoramas():
     assert other["error_m"] == pytest.approx(20.0 * np.deg2rad(0.1), abs=1e-4)
     assert other["azimuth_deg"] == pytest.approx(-0.07, abs=1e-4)
     assert other["tilt_deg"] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_the_floor_of_height_bias_is_that_of_ground_turned_by_the_mean_pointing_error():
+    grid, slope, pitch = MapGrid(-30.0, 30.0, 0.5, 120, 120), 0.1, np.deg2rad(0.1)
+    east, north = grid.centres()
+    true = np.repeat(slope * north[:, None], grid.cols, axis=1).astype(np.float32)
+    seen = np.where(north[:, None] > 0, true, np.float32(np.nan))
+    dtm = Dtm(grid, seen, seen, seen, np.ones(grid.shape, np.uint8))
+    miss = Rotation.from_rotvec([0.0, pitch, 0.0]).as_matrix()
+    floors = bias_floors(dtm, true, np.eye(3), miss, np.zeros(3))
+    for name, (low, high) in {"0-10": (0, 10), "10-20": (10, 20)}.items():
+        range_m = np.hypot(north[:, None], east[None, :])
+        here = np.isfinite(seen) & (range_m >= low) & (range_m < high)
+        ahead_m = np.median(np.broadcast_to(north[:, None], grid.shape)[here])
+        assert floors[name] == pytest.approx(-ahead_m * pitch * (1 + slope**2), abs=2e-4)
