@@ -16,7 +16,7 @@ Result = dict[str, Any]
 def scorecard(results: Iterable[Result]) -> list[dict[str, Any]]:
     """One row a goal: what it is, what was reached over all worlds, and whether that holds it."""
     evaluated = [result for result in results if not result["failure"]]
-    stops = [row for result in evaluated for row in result["stops"] if row["driven_m"]]
+    stops = [row for result in evaluated for row in _moved(result)]
     links = [link for result in evaluated for link in result["links"]]
     if not stops:
         return []
@@ -57,7 +57,15 @@ def scorecard(results: Iterable[Result]) -> list[dict[str, Any]]:
 
 def mean_nees(result: Result) -> float:
     """Over the stops of a world that are not held."""
-    return float(np.mean([row["nees"] for row in result["stops"] if row["driven_m"]]))
+    return _mean(row["nees"] for row in _moved(result))
+
+
+def _moved(result: Result) -> list[dict[str, Any]]:
+    return [row for row in result["stops"] if row["driven_m"]]
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))
 
 
 def _goal(
@@ -112,8 +120,7 @@ def markdown(card: Iterable[dict[str, Any]], results: Iterable[Result]) -> str:
         )
         for result in results
         if not result["failure"]
-        for row in result["stops"]
-        if row["driven_m"]
+        for row in _moved(result)
     ]
     worlds = [_world_row(result) for result in results]
     failures = [
@@ -132,8 +139,8 @@ def markdown(card: Iterable[dict[str, Any]], results: Iterable[Result]) -> str:
             ),
             _table(
                 (
-                    "world", "NEES/6", "links found", "refused", "false", "bias 0-10 m (floor)",
-                    "10-20 m", "20-30 m", "processor s a stop",
+                    "world", "NEES/6 (floor)", "links found", "refused", "false",
+                    "bias 0-10 m (floor)", "10-20 m", "20-30 m", "processor s a stop",
                 ),
                 worlds,
             ),
@@ -154,7 +161,7 @@ def _world_row(result: Result) -> tuple[Any, ...]:
     ]
     return (
         result["world"] + (" (other code)" if result.get("of_other_code") else ""),
-        round(mean_nees(result), 2),
+        f"{mean_nees(result):.2f} ({_mean(row['floor']['nees'] for row in _moved(result)):.2f})",
         sum(linked),
         len(linked) - sum(linked),
         sum(link["false"] for link in result["links"]),

@@ -9,7 +9,7 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from tests.support.accuracy import bias_floors, floors_of
 from tests.support.scorecard import markdown, scorecard
 
-FLOOR = {"error_m": 0.01, "percent": 0.05, "azimuth_deg": -0.02, "tilt_deg": 0.03}
+FLOOR = {"error_m": 0.01, "percent": 0.05, "azimuth_deg": -0.02, "tilt_deg": 0.03, "nees": 0.5}
 
 
 def stop(driven_m, percent, nees, **others):
@@ -64,6 +64,7 @@ def test_a_goal_that_mast_pointing_forbids_is_named():
     median = "| position, median, % of the way | 0.14 | <= 0.1 |"
     assert f"{median} 0.05 | **missed** |" in pages[0]
     assert f"{median} 0.13 | **missed**, as by the floor |" in pages[1]
+    assert "| here | 1.00 (0.50) |" in pages[0]
 
 
 def test_links_count_by_distance_and_false_ones_are_named():
