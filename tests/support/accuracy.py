@@ -151,7 +151,8 @@ def evaluated(world: Path, workspace: Workspace) -> dict[str, Any]:
     rows = position_rows(workspace)
     stops, poses = evaluate_positions(rows, true_stops(truth)), pointed_stops(world)
     covariances = {row["stop"]: np.array(row["covariance"]) for row in rows}
-    floors = zip(floors_of(poses), pointing_errors(poses), strict=True)
+    errors = pointing_errors(poses)
+    floors = zip(floors_of(poses, errors), errors, strict=True)
     by_name = dict(zip(map(_name, true_stops(truth)), floors, strict=True))
     for row in stops:
         row["floor"], error = by_name[row["stop"].partition("-")[2]]
@@ -225,10 +226,23 @@ def pointed_stops(world: Path) -> list[PointedStop]:
     return poses
 
 
-def floors_of(stops: Sequence[PointedStop]) -> list[dict[str, float]]:
-    """Errors that mast pointing alone leaves at every stop, the first one held."""
+def pointing_errors(stops: Sequence[PointedStop]) -> list[np.ndarray]:
+    """Errors that mast pointing alone leaves at every stop, the first one held.
+
+    Each of shape (6,): rotation vector, radians, then shift, metres, in the axes of the LSL.
+    """
+    (held, miss, origin), errors = stops[0], []
+    turn = _turn(held, miss)
+    for rotation, mean, position in stops:
+        turned = Rotation.from_matrix(turn @ rotation @ mean @ rotation.T).as_rotvec()
+        errors.append(np.concatenate([turned, (turn - np.eye(3)) @ (position - origin)]))
+    return errors
+
+
+def floors_of(stops: Sequence[PointedStop], errors: Sequence[np.ndarray]) -> list[dict[str, float]]:
+    """Those errors in metres, per cent of the distance driven, and degrees."""
     floors, driven_m, before = [], 0.0, stops[0][2]
-    for (rotation, _, position), error in zip(stops, pointing_errors(stops), strict=True):
+    for (rotation, _, position), error in zip(stops, errors, strict=True):
         driven_m += float(np.linalg.norm(position - before))
         before = position
         off_m = float(np.linalg.norm(error[3:]))
@@ -245,20 +259,18 @@ def floors_of(stops: Sequence[PointedStop]) -> list[dict[str, float]]:
     return floors
 
 
-def pointing_errors(stops: Sequence[PointedStop]) -> list[np.ndarray]:
-    """The same as rotation vectors, radians, and shifts, metres, in the LSL."""
-    (held, miss, origin), errors = stops[0], []
-    turn = _turn(held, miss)
-    for rotation, mean, position in stops:
-        turned = Rotation.from_matrix(turn @ rotation @ mean @ rotation.T).as_rotvec()
-        errors.append(np.concatenate([turned, (turn - np.eye(3)) @ (position - origin)]))
-    return errors
-
-
 def bias_floors(
     dtm: Dtm, true: Raster, rotation: np.ndarray, mean: np.ndarray, position: np.ndarray
 ) -> dict[str, float]:
-    """Height bias that mast pointing alone leaves of the held stop's terrain, by range, metres."""
+    """Height bias that mast pointing alone leaves of the held stop's terrain, by range, metres.
+
+    Args:
+        dtm: Its terrain model; cells without elevation do not count.
+        true: True elevations of the same cells, metres.
+        rotation: (3, 3), true LSL from rover.
+        mean: (3, 3), mean miss of its pairs, label rover to true rover.
+        position: (3,), true position in the LSL: north, east, down, metres.
+    """
     east, north = dtm.grid.centres()
     places = np.stack(
         [*np.meshgrid(north - position[0], east - position[1], indexing="ij"), -true - position[2]]

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.adjustment.model.network import PairGeometry
 from solmap.photogrammetry.adjustment.model.telemetry import mast_partials
-from tests.support.accuracy import floors_of
+from tests.support.accuracy import floors_of, pointing_errors
 from tests.support.link_errors import truly_pointed
 from tests.support.simulated_stops import SimulatedStop
 from tests.support.stop_networks import StopError, evaluated, stops_of_world, world_folder
@@ -66,7 +66,8 @@ def draws_of(world: str, draws: int, pointing: float, mast: float) -> Iterator[D
         rng = np.random.default_rng([seed, crc32(Path(world).name.encode())])
         shared = rng.normal(0, mast, 4)
         drawn = [redrawn(stop, shared, pointing, rng) for stop in true]
-        floors = floors_of([(s.true.rotation, mean, s.true.translation_m) for s, mean in drawn])
+        poses = [(s.true.rotation, mean, s.true.translation_m) for s, mean in drawn]
+        floors = floors_of(poses, pointing_errors(poses))
         _, errors = evaluated([stop for stop, _ in drawn])
         yield from map(Drawn, errors, floors[1:])
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from tests.support.accuracy import bias_floors, floors_of
+from tests.support.accuracy import bias_floors, floors_of, pointing_errors
 from tests.support.scorecard import markdown, scorecard
 
 FLOOR = {"error_m": 0.01, "percent": 0.05, "azimuth_deg": -0.02, "tilt_deg": 0.03, "nees": 0.5}
@@ -89,7 +89,8 @@ def test_the_lower_limit_is_the_mean_pointing_error_of_both_panoramas():
         return Rotation.from_rotvec([0, 0, np.deg2rad(azimuth_deg)]).as_matrix()
 
     heading, origin, there = turned(70.0), np.zeros(3), np.array([12.0, 16.0, -1.0])
-    held, other = floors_of([(heading, turned(0.1), origin), (np.eye(3), turned(0.03), there)])
+    stops = [(heading, turned(0.1), origin), (np.eye(3), turned(0.03), there)]
+    held, other = floors_of(stops, pointing_errors(stops))
     assert (held["error_m"], held["azimuth_deg"]) == (0.0, 0.0)
     assert other["error_m"] == pytest.approx(20.0 * np.deg2rad(0.1), abs=1e-4)
     assert other["azimuth_deg"] == pytest.approx(-0.07, abs=1e-4)
