@@ -258,7 +258,9 @@ def test_the_sol_slider_hides_layers_of_other_sols(page, url):
     assert "sol=155" in page.url
     with page.expect_popup() as opened:
         page.get_by_role("link", name="report of sol 155").click()
-    assert "sol 155" in opened.value.title()
+    report = opened.value
+    report.wait_for_load_state()
+    assert "sol 155" in report.title()
     page.get_by_label("last sol").press("ArrowRight")
     assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
     assert "sol=" not in page.url

@@ -16,6 +16,7 @@ import numpy as np
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
 from solmap.products.catalogue.catalogue import latest_network
+from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.tasks.mission.vectors import draw_vectors
@@ -52,14 +53,23 @@ def _image(entry, stereo: StereoStore) -> ProductRef:
     return stereo.workspace.store.make(recipe, lambda path: _keep(path, body))
 
 
+def older_solution(workspace: Workspace) -> str:
+    """Name of the older solution in the server's addresses."""
+    scope = latest_network("MER2", workspace.catalogue).scope
+    return f"{scope.name}/{_recipe(scope, 'older').ref.digest}"
+
+
+def _recipe(scope: Scope, name: str) -> Recipe:
+    return Recipe(ProductKind.NETWORK, scope, (), (name,))
+
+
 def _changed_network(stereo: StereoStore, name: str, change) -> ProductRef:
     store, catalogue = stereo.workspace.store, stereo.workspace.catalogue
     true = latest_network("MER2", catalogue)
     document = json.loads(store.path(true).read_text())
     change(document["network"])
     body = json.dumps(document).encode()
-    recipe = Recipe(ProductKind.NETWORK, true.scope, (), (name,))
-    return store.make(recipe, lambda path: _keep(path, body))
+    return store.make(_recipe(true.scope, name), lambda path: _keep(path, body))
 
 
 def _with_stop_moved(network) -> None:
