@@ -1,13 +1,16 @@
 """The scorecard of `tests.support.accuracy`: figures of worlds against the goals, as a page."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 NEAR_M, FAR_M = 25.0, 40.0
 """Up to where all links, and nine of ten, are to be found."""
 NEES_OF_WORLD = (0.6, 1.5)
+CHANCE = 0.05
+"""Probability that any world counts as contradicting its covariances though all are true."""
 
 Result = dict[str, Any]
 """Of one world, as `measured` gives it."""
@@ -29,6 +32,7 @@ def scorecard(results: Iterable[Result]) -> list[dict[str, Any]]:
         for name in ("percent", "azimuth_deg", "tilt_deg")
     }
     worlds = [mean_nees(result) for result in evaluated]
+    freedoms = [6 * len(_moved(result)) for result in evaluated]
     near = [link["linked"] for link in links if link["distance_m"] <= NEAR_M]
     far = [link["linked"] for link in links if NEAR_M < link["distance_m"] <= FAR_M]
     rows = [
@@ -39,6 +43,9 @@ def scorecard(results: Iterable[Result]) -> list[dict[str, Any]]:
         _between("NEES/6, mean over all stops", float(nees.mean()), (0.85, 1.15)),
         _between("NEES/6, lowest of a world", min(worlds), NEES_OF_WORLD),
         _between("NEES/6, highest of a world", max(worlds), NEES_OF_WORLD),
+        _goal(
+            "worlds whose NEES/6 contradicts their covariances", _contradicting(worlds, freedoms), 0
+        ),
         _goal("false links", sum(link["false"] for link in links), 0),
     ]
     for name, some, least in ((f"to {NEAR_M:g} m", near, 1.0), (f"to {FAR_M:g} m", far, 0.9)):
@@ -58,6 +65,15 @@ def scorecard(results: Iterable[Result]) -> list[dict[str, Any]]:
 def mean_nees(result: Result) -> float:
     """Over the stops of a world that are not held."""
     return _mean(row["nees"] for row in _moved(result))
+
+
+def _contradicting(nees: Sequence[float], freedoms: Sequence[int]) -> int:
+    """Number of worlds whose NEES / 6 true covariances leave to the tails of chi-square.
+
+    The mean over few stops varies: of two, 95 % are between 0.37 and 1.94.
+    """
+    low, high = chi2.interval(1 - CHANCE / len(nees), freedoms) / np.array(freedoms)
+    return int(((np.array(nees) < low) | (np.array(nees) > high)).sum())
 
 
 def _moved(result: Result) -> list[dict[str, Any]]:

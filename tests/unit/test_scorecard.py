@@ -67,6 +67,17 @@ def test_a_goal_that_mast_pointing_forbids_is_named():
     assert "| here | 1.00 (0.50) |" in pages[0]
 
 
+def test_a_world_contradicts_its_covariances_where_chance_does_not_explain_it():
+    goal = "worlds whose NEES/6 contradicts their covariances"
+    usual = [world(stop(15.0, 0.1, nees), stop(30.0, 0.1, nees)) for nees in (0.4, 1.0, 1.8)]
+    assert reached(usual)[goal] == (0.0, True)
+    single = [world(stop(15.0, 0.1, 2.5)), *usual]
+    assert reached(single)[goal] == (0.0, True)  # of one stop, it may be
+    for nees in (0.1, 2.5):
+        unusual = world(stop(15.0, 0.1, nees), stop(30.0, 0.1, nees))
+        assert reached([unusual, *usual])[goal] == (1.0, False)
+
+
 def test_links_count_by_distance_and_false_ones_are_named():
     links = [link(12.0), link(24.0), link(30.0, linked=False), link(35.0, false=True), link(60.0)]
     card = reached([world(stop(15.0, 0.1, 1.0), links=links)])
