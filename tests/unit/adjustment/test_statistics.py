@@ -11,8 +11,11 @@ from tests.support.adjustment.network_statistics import CASES, band, found
 
 NETWORKS = 100
 LEVEL = 0.995
-"""Fifteen means are looked at, of five kinds of networks: one in fourteen times one is outside
-though all sigmas are true."""
+"""Of the means of five kinds of networks with known sigmas one is outside once in forty times,
+though all are true."""
+ESTIMATED = 0.08
+"""Largest relative difference of NEES with estimated sigmas, of the same networks. With few ties it
+is 5 % too small, because factors of ties between stops are never below 1."""
 
 
 @pytest.mark.slow
@@ -24,8 +27,8 @@ def test_stated_sigmas_are_true_in_every_mode_and_no_harmful_blunder_remains(num
     stepwise, sequential, overall = np.mean([result.nees for result in results], axis=0)
     if_known = np.mean([result.nees_if_known for result in results])
     assert low < if_known < high  # with the sigmas that the networks were made with
-    assert low < overall < high
-    assert low < sequential < high
+    assert overall == pytest.approx(if_known, rel=ESTIMATED)
+    assert sequential == pytest.approx(if_known, rel=ESTIMATED)
     # ties used twice correlate a step with the one before, which stepwise ignores
     assert 0.9 * low < stepwise < 1.1 * high
     cost, redundancy = (sum(getattr(r, name) for r in results) for name in ("cost", "redundancy"))
