@@ -9,13 +9,10 @@ import pytest
 
 from tests.support.adjustment.network_statistics import CASES, band, found
 
-NETWORKS = 100
-LEVEL = 0.995
-"""Of the means of five kinds of networks with known sigmas one is outside once in forty times,
-though all are true."""
-ESTIMATED = 0.08
-"""Largest relative difference of NEES with estimated sigmas, of the same networks. With few ties it
-is 5 % too small, because factors of ties between stops are never below 1."""
+NETWORKS = 200
+BOUNDS = band(100, level=0.995)
+"""Where means of half as many networks lie by chance. Twice as many leave room for what is known:
+with few ties NEES is 5 % too small, because factors of ties between stops are never below 1."""
 
 
 @pytest.mark.slow
@@ -23,12 +20,12 @@ is 5 % too small, because factors of ties between stops are never below 1."""
 def test_stated_sigmas_are_true_in_every_mode_and_no_harmful_blunder_remains(number):
     case = CASES[number]
     results = [found(case, 100_000 * (number + 1) + seed) for seed in range(NETWORKS)]
-    low, high = band(NETWORKS, LEVEL)
+    low, high = BOUNDS
     stepwise, sequential, overall = np.mean([result.nees for result in results], axis=0)
     if_known = np.mean([result.nees_if_known for result in results])
     assert low < if_known < high  # with the sigmas that the networks were made with
-    assert overall == pytest.approx(if_known, rel=ESTIMATED)
-    assert sequential == pytest.approx(if_known, rel=ESTIMATED)
+    assert low < overall < high
+    assert low < sequential < high
     # ties used twice correlate a step with the one before, which stepwise ignores
     assert 0.9 * low < stepwise < 1.1 * high
     cost, redundancy = (sum(getattr(r, name) for r in results) for name in ("cost", "redundancy"))
