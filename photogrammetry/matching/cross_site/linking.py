@@ -21,8 +21,9 @@
    without a peak, tested in exactly the same way.
 5. Ties are measured again in the original images (`image_matching`); nearly independent ones are
    returned, with standard deviations that include their correlation (`tie_weights`).
-6. The link is accepted if its ties are many, well spread and far more than by chance; otherwise the
-   reason is returned (`links`). A wrong link is worse than none.
+6. The link is accepted if its ties are many, well spread and far more than by chance. If not, but
+   the peak of the search cannot be random, the peak alone is the link, accurate to decimetres
+   (`peak`). Otherwise the reason is returned (`links`). A wrong link is worse than none.
 """
 
 from __future__ import annotations
@@ -78,11 +79,13 @@ from solmap.photogrammetry.matching.cross_site.links import (
     refused_link,
     tie_places,
 )
+from solmap.photogrammetry.matching.cross_site.peak import common_ground, peak_covariance
 from solmap.photogrammetry.matching.cross_site.surface_alignment import RELIEF
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
     CERTAIN,
     SurfaceTieParams,
     tie_by_surface,
+    tie_places_under,
     try_shapes,
 )
 from solmap.photogrammetry.matching.cross_site.tie_weights import (
@@ -170,9 +173,58 @@ def tie_cross_site(
     is_clear = found.highest >= params.link_test.clear_z
     best = tried[0] if is_clear else _best(tried, params.trials.separation_m)
     best = trials.settle(best)
-    if best.agreeing < params.link_test.needed(trials.peak_of(best)):
-        return _evaluate(trials, best, 0, params)
-    return _evaluate(trials, best, _count_by_chance(trials, best, tried, wrong), params)
+    is_enough = best.agreeing >= params.link_test.needed(trials.peak_of(best))
+    by_chance = _count_by_chance(trials, best, tried, wrong) if is_enough else 0
+    link = _evaluate(trials, best, by_chance, params)
+    is_single = all(fit.z < least_z for fit in fits[1:])
+    if link.linked or not (is_clear and is_single):
+        return link
+    return _link_by_peak(trials, fits[0], link.reason, params) or link
+
+
+def _link_by_peak(
+    trials: Trials, fit: PlaneFit, refused: str, params: CrossSiteParams
+) -> SiteLink | None:
+    """The link of a peak that cannot be random, where neither surfaces nor images decide."""
+    one, other = trials.one, trials.other
+    stops, surfaces = (one.stop, other.stop), params.surface_matching
+    pose = pose_from_fit(*stops, fit)
+    level = level_pose(*stops, pose)
+    places = common_ground(one.birds_eye, other.birds_eye, fit, surfaces.block_m)
+    covariance = peak_covariance(level, places)
+    ties = tie_places_under(stops, places, level, covariance, surfaces.least)
+    if not len(ties):
+        return None
+    axes = np.kron(np.eye(2), one.stop.lsl_from_rover.rotation.T)
+    reason = f"by a peak of {fit.z:.1f} sigma alone ({refused})"
+    link = _linked(trials, fit, pose, axes @ covariance @ axes.T, ties, reason)
+    return replace(link, figures=replace(link.figures, by_shape=len(ties)))
+
+
+def _linked(
+    trials: Trials,
+    fit: PlaneFit,
+    pose: Pose,
+    covariance: PoseCovariance,
+    ties: Ties,
+    reason: str,
+) -> SiteLink:
+    """A link by a pose of rover to rover and ties that determine it."""
+    one, other = trials.one, trials.other
+    every, off2 = np.ones(len(ties), dtype=bool), np.zeros(len(ties))
+    final = Alignment(pose, covariance, {}, off2, every, sigma0=1.0, rms_px=0.0)
+    figures = link_figures(one, other, fit, ties, final)
+    return SiteLink(
+        one.id,
+        other.id,
+        linked=True,
+        reason=reason,
+        ties=ties,
+        earlier_from_later=pose,
+        covariance=covariance,
+        figures=figures,
+        fit=fit,
+    )
 
 
 def _link_by_surfaces(
@@ -219,38 +271,19 @@ def _link_by_surfaces(
         else:
             reason += "agree"
     used = join_ties([images, ties], ties.pair_ids)
-    every, off2 = np.ones(len(used), dtype=bool), np.zeros(len(used))
-    final = Alignment(
-        pose,
-        covariance,
-        {},
-        off2,
-        every,
-        sigma0=1.0,
-        rms_px=fine.alignment.rms_px if fine.alignment else 0.0,
-    )
-    figures = link_figures(one, other, fit, used, final)
+    link = _linked(trials, fit, pose, covariance, used, reason)
     figures = replace(
-        figures,
+        link.figures,
         measured=len(trial.ties) + len(ties),
         handed_on=len(images),
         by_shape=len(ties),
+        rms_px=fine.alignment.rms_px if fine.alignment else 0.0,
         height_bias_lines=found.height_bias.lines,
         height_bias_sigma=found.height_bias.sigma,
         expected_bias_lines=found.expected_bias.lines,
         expected_bias_sigma=found.expected_bias.sigma,
     )
-    return SiteLink(
-        one.id,
-        other.id,
-        linked=True,
-        reason=reason,
-        ties=used,
-        earlier_from_later=pose,
-        covariance=covariance,
-        figures=figures,
-        fit=fit,
-    )
+    return replace(link, figures=figures)
 
 
 def _pointing(

@@ -33,8 +33,9 @@ class LinkTestParams:
     few_ties: Count = 8
     """Fewest ties at a peak that cannot be random: both then give the same position independently.
     The paper's example had 7 manual ones."""
-    clear_z: FactorOrZero = 10.0
-    """Peak that cannot be random: stops with common ground have 8 to 48."""
+    clear_z: FactorOrZero = 8.0
+    """Peak that cannot be random: stops with common ground have 8 and more, those without, and
+    wrong positions, 6.2 at most."""
     least_z: FactorOrZero = SIGNIFICANT_Z
     """Least significance of a peak: the widest gate has about 10^6 independent positions, whose
     largest random z is 5.2; in one of 67 searches of stops without common ground it was 6.2."""

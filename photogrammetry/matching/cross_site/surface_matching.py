@@ -219,23 +219,43 @@ def tie_by_surface(
     params: SurfaceTieParams,
 ) -> Ties:
     """Surface-matched ties between the pairs of two registered stops."""
-    pair_ids = tuple(pair.pair_id for stop in stops for pair in stop.pairs)
     places = find_blocks(found.cells, params)
+    return tie_places_under(stops, places, found.pose, found.covariance, params.least)
+
+
+def tie_places_under(
+    stops: tuple[MatchedStop, MatchedStop],
+    places: ObjectPoints,
+    pose: Pose,
+    covariance: Float64[np.ndarray, "6 6"],
+    least: int,
+) -> Ties:
+    """Ties that determine the pose of the later stop as its covariance does.
+
+    Args:
+        stops: The earlier and the later one.
+        places: Points of the earlier stop's ground in its level frame, metres.
+        pose: Later level frame to earlier one.
+        covariance: Of rotation vector (radians), then translation (metres), in the earlier level
+            frame.
+        least: Fewest places that both stops must see; with fewer there are no ties.
+    """
+    pair_ids = tuple(pair.pair_id for stop in stops for pair in stop.pairs)
     rovers = [
         points @ stop.lsl_from_rover.rotation
-        for stop, points in zip(stops, (places, found.pose.inverse.apply(places)), strict=True)
+        for stop, points in zip(stops, (places, pose.inverse.apply(places)), strict=True)
     ]
     seen = [_best_view(stop, points) for stop, points in zip(stops, rovers, strict=True)]
     rows = np.flatnonzero((seen[0].pair >= 0) & (seen[1].pair >= 0))
-    if len(rows) < params.least:
+    if len(rows) < least:
         return Ties.none(pair_ids)
     first, second = (some.select(rows) for some in seen)
     level_from_rover = stops[1].lsl_from_rover.rotation
-    turn = found.pose.rotation @ level_from_rover  # later rover to the earlier level frame
+    turn = pose.rotation @ level_from_rover  # later rover to the earlier level frame
     by_shift = second.by_place @ turn.T
-    arms = places[rows] - found.pose.translation_m
+    arms = places[rows] - pose.translation_m
     by_pose = np.concatenate([np.cross(arms[:, None], by_shift), by_shift], axis=2)
-    sigma = _sigmas(by_pose, found.covariance)
+    sigma = _sigmas(by_pose, covariance)
     defined = np.full(len(rows), DEFINED_PX)
     return Ties(
         pair_ids,

@@ -32,13 +32,13 @@ def test_many_ties_far_above_chance_and_spread_out_are_a_link():
 
 
 def test_too_few_ties_to_correct_drift_are_not_a_link():
-    assert evaluated(ties=19, peak_z=9.0) == (False, "19 ties, 20 are needed")
+    assert evaluated(ties=19, peak_z=7.0) == (False, "19 ties, 20 are needed")
 
 
 def test_at_a_clear_peak_few_ties_are_a_link():
     few = {"ties": 9, "measured": 12, "by_chance": 1}
     assert evaluated(**few)[0]
-    assert not evaluated(**few, peak_z=9.0)[0]
+    assert not evaluated(**few, peak_z=7.0)[0]
     assert evaluated(**few | {"ties": 7}) == (False, "7 ties, 8 are needed")
 
 

@@ -1,0 +1,58 @@
+"""Pose of the later stop by a clear peak of the bird's-eye search alone.
+
+Rovers 25 to 40 m apart share ground that both see at a few degrees: too few facets face both
+cameras for a registration of surfaces, and under opposite suns no patches look alike. Elevations of
+the ground in between, averaged over cells, still correlate far above chance. A peak that cannot be
+random (`links.LinkTestParams.clear_z`) then determines azimuth, position and height to decimetres,
+where telemetry would leave metres. Tilt it does not determine.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float64, ObjectPoints
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeView, PlaneFit, place_on
+
+SHIFT_M, DOWN_M, AZIMUTH = 0.15, 0.05, 0.0052
+"""Standard deviations of the position of the common ground, horizontally along each axis and in
+height (metres), and of azimuth (radians)."""
+
+UNKNOWN_TILT = 0.05
+"""Standard deviation of each tilt (radians), several times that by gravity, so that the latter
+determines it."""
+
+
+def common_ground(
+    earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit, block_m: float
+) -> ObjectPoints:
+    """Points of ground that both views show under a fit, one in each block that has any.
+
+    In the level frame of the earlier stop, metres.
+    """
+    there = place_on(later.elevation, later.cell_m, fit.azimuth, fit.north_m, fit.east_m)
+    row, col = np.nonzero(np.isfinite(earlier.elevation + there))
+    half = earlier.elevation.shape[0] / 2 - 0.5
+    north, east = (half - row) * earlier.cell_m, (col - half) * earlier.cell_m
+    square = np.floor(np.column_stack([north, east]) / block_m).astype(np.int64) @ (10_000, 1)
+    some = np.unique(square, return_index=True)[1]
+    down = -earlier.elevation[row[some], col[some]].astype(np.float64)
+    return np.column_stack([north[some], east[some], down])
+
+
+def peak_covariance(pose: Pose, places: ObjectPoints) -> Float64[np.ndarray, "6 6"]:
+    """Covariance of a pose by a peak: errors are independent about the middle of the ground.
+
+    Args:
+        pose: Later level frame to earlier one.
+        places: (n, 3), common ground in the earlier level frame, metres.
+
+    Returns:
+        Of rotation vector (radians), then translation (metres), in the earlier level frame.
+    """
+    arm = places.mean(axis=0) - pose.translation_m
+    at_middle = (UNKNOWN_TILT, UNKNOWN_TILT, AZIMUTH, SHIFT_M, SHIFT_M, DOWN_M)
+    to_rover = np.eye(6)
+    to_rover[3:, :3] = np.cross(arm, np.eye(3)).T
+    return to_rover @ np.diag(np.square(at_middle)) @ to_rover.T
