@@ -48,6 +48,13 @@ def test_stops_up_to_25_m_apart_are_linked(shared):
     assert len(missed) <= 0.05 * len(near), missed
 
 
+def test_nine_of_ten_stops_25_to_40_m_apart_are_linked(shared):
+    far = [outcome for outcome in shared if 25 < outcome.distance_m <= 40]
+    assert far
+    missed = [str(outcome) for outcome in far if not outcome.linked]
+    assert len(missed) <= 0.1 * len(far), missed
+
+
 def test_no_link_is_false(shared):
     assert [str(outcome) for outcome in shared if outcome.is_false] == []
 
