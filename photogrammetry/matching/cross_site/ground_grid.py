@@ -21,6 +21,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import (
     Float64,
+    Int32,
     Mask,
     ObjectPoints,
     PerPoint,
@@ -217,6 +218,15 @@ class GroundGrid:
         row, col, half = step * row, step * col, heights.shape[0] / 2 - 0.5
         north, east = (half - row) * self.cell_m, (col - half) * self.cell_m
         return np.column_stack([north, east, -heights[row, col].astype(np.float64)])
+
+
+def blocks_of(places: ObjectPoints, side_m: float) -> Int32[np.ndarray, " n"]:
+    """Number of the square block of ground, of a side in metres, in which each place lies.
+
+    From 0 on, without gaps. Places are (n, 3) or (n, 2), north and east first, metres.
+    """
+    square = np.floor(places[:, :2] / side_m).astype(np.int64) @ (10_000, 1)
+    return np.unique(square, return_inverse=True)[1].ravel().astype(np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -84,8 +84,8 @@ from solmap.photogrammetry.matching.cross_site.surface_alignment import RELIEF
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
     CERTAIN,
     SurfaceTieParams,
+    tie_by_pose,
     tie_by_surface,
-    tie_places_under,
     try_shapes,
 )
 from solmap.photogrammetry.matching.cross_site.tie_weights import (
@@ -192,7 +192,7 @@ def _link_by_peak(
     level = level_pose(*stops, pose)
     places = common_ground(one.birds_eye, other.birds_eye, fit, surfaces.block_m)
     covariance = peak_covariance(level, places)
-    ties = tie_places_under(stops, places, level, covariance, surfaces.least)
+    ties = tie_by_pose(stops, places, level, covariance, surfaces.least)
     if not len(ties):
         return None
     axes = np.kron(np.eye(2), one.stop.lsl_from_rover.rotation.T)

@@ -14,10 +14,13 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float64, ObjectPoints
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeView, PlaneFit, place_on
+from solmap.photogrammetry.matching.cross_site.ground_grid import blocks_of
 
 SHIFT_M, DOWN_M, AZIMUTH = 0.15, 0.05, 0.0052
 """Standard deviations of the position of the common ground, horizontally along each axis and in
-height (metres), and of azimuth (radians)."""
+height (metres), and of azimuth (radians). The peaks of twelve links of four path-traced worlds,
+most under opposite suns, had RMS errors of 0.165 m along the way, 0.097 m across, 0.026 m and
+0.0053; those of 21 others 0.035 m, 0.033 m, 0.018 m and 0.0025."""
 
 UNKNOWN_TILT = 0.05
 """Standard deviation of each tilt (radians), several times that by gravity, so that the latter
@@ -29,16 +32,21 @@ def common_ground(
 ) -> ObjectPoints:
     """Points of ground that both views show under a fit, one in each block that has any.
 
-    In the level frame of the earlier stop, metres.
+    Args:
+        earlier: View of the earlier stop.
+        later: View of the later stop, with cells and extent of the same size.
+        fit: Position of the later view on the earlier one.
+        block_m: Side of a block, metres.
+
+    Returns:
+        (n, 3), in the level frame of the earlier stop, metres.
     """
     there = place_on(later.elevation, later.cell_m, fit.azimuth, fit.north_m, fit.east_m)
     row, col = np.nonzero(np.isfinite(earlier.elevation + there))
     half = earlier.elevation.shape[0] / 2 - 0.5
     north, east = (half - row) * earlier.cell_m, (col - half) * earlier.cell_m
-    square = np.floor(np.column_stack([north, east]) / block_m).astype(np.int64) @ (10_000, 1)
-    some = np.unique(square, return_index=True)[1]
-    down = -earlier.elevation[row[some], col[some]].astype(np.float64)
-    return np.column_stack([north[some], east[some], down])
+    places = np.column_stack([north, east, -earlier.elevation[row, col].astype(np.float64)])
+    return places[np.unique(blocks_of(places, block_m), return_index=True)[1]]
 
 
 def peak_covariance(pose: Pose, places: ObjectPoints) -> Float64[np.ndarray, "6 6"]:

@@ -79,7 +79,7 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid, Surface
+from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid, Surface, blocks_of
 from solmap.photogrammetry.matching.cross_site.kernels import height_differences
 from solmap.photogrammetry.matching.cross_site.tie_weights import SHARED_PARALLAX_PX
 from solmap.photogrammetry.matching.height_bias import HeightBias, mean_of_known
@@ -550,9 +550,7 @@ def _covariance(
 
     Common to all cells are the drift of those of heights, and motions of all ground.
     """
-    middle = np.vstack([some.places for some in cells])[:, :2]
-    square = np.floor(middle / CLUSTER_M).astype(np.int64) @ (10_000, 1)
-    block = np.unique(square, return_inverse=True)[1].ravel()
+    block = blocks_of(np.vstack([some.places for some in cells]), CLUSTER_M)
     blocks, normal = np.zeros((int(block.max()) + 1, UNKNOWNS)), known.copy()
     for some, own in zip(cells, _split(block, cells), strict=True):
         np.add.at(blocks, own, some.design * (some.weight * some.residual)[:, None])

@@ -28,7 +28,7 @@ from solmap.photogrammetry.arrays import Flags, Float64, Int32, ObjectPoints, Pe
 from solmap.photogrammetry.cameras.epipolar import projection_partials
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid
+from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid, blocks_of
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
     HEIGHTS,
     MOTION,
@@ -194,8 +194,7 @@ def find_blocks(cells: Cells, params: SurfaceTieParams) -> ObjectPoints:
 
     The blocks with the largest weights.
     """
-    square = np.floor(cells.places[:, :2] / params.block_m).astype(np.int64) @ (10_000, 1)
-    block = np.unique(square, return_inverse=True)[1].ravel()
+    block = blocks_of(cells.places, params.block_m)
     used = np.bincount(block[cells.weight > 0], minlength=block.max() + 1) >= params.least_cells
     certain = np.argsort(-np.bincount(block, cells.weight), kind="stable")
     middle = _middles(cells, block)[certain[used[certain]][: params.most]]
@@ -220,10 +219,10 @@ def tie_by_surface(
 ) -> Ties:
     """Surface-matched ties between the pairs of two registered stops."""
     places = find_blocks(found.cells, params)
-    return tie_places_under(stops, places, found.pose, found.covariance, params.least)
+    return tie_by_pose(stops, places, found.pose, found.covariance, params.least)
 
 
-def tie_places_under(
+def tie_by_pose(
     stops: tuple[MatchedStop, MatchedStop],
     places: ObjectPoints,
     pose: Pose,
@@ -238,7 +237,10 @@ def tie_places_under(
         pose: Later level frame to earlier one.
         covariance: Of rotation vector (radians), then translation (metres), in the earlier level
             frame.
-        least: Fewest places that both stops must see; with fewer there are no ties.
+        least: Fewest places that both stops must see.
+
+    Returns:
+        One tie for each place that both stops see; none where these are fewer than `least`.
     """
     pair_ids = tuple(pair.pair_id for stop in stops for pair in stop.pairs)
     rovers = [

@@ -46,8 +46,8 @@ def test_a_clear_peak_links_stops_that_neither_surfaces_nor_images_do(
     assert link.ties.surface_matched.all()
     true = first_stand.true.inverse @ second_stand.true
     turn = link.earlier_from_later.rotation @ true.rotation.T
-    error = [*link.earlier_from_later.translation_m - true.translation_m]
-    assert np.linalg.norm(error) < 3 * np.hypot(SHIFT_M, DOWN_M)
+    error_m = np.linalg.norm(link.earlier_from_later.translation_m - true.translation_m)
+    assert error_m < 3 * np.hypot(SHIFT_M, DOWN_M)
     assert abs(np.arctan2(turn[1, 0], turn[0, 0])) < 3 * AZIMUTH
 
 
