@@ -21,13 +21,15 @@
    without a peak, tested in exactly the same way.
 5. Ties are measured again in the original images (`image_matching`); nearly independent ones are
    returned, with standard deviations that include their correlation (`tie_weights`).
-6. The link is accepted if its ties are many, well spread and far more than by chance. If not, but
-   the peak of the search cannot be random, the peak alone is the link, accurate to decimetres
-   (`peak`). Otherwise the reason is returned (`links`). A wrong link is worse than none.
+6. The link is accepted if its ties are many, well spread and far more than by chance. If not, or if
+   they determine the position less well, a peak of the search that cannot be random is the link,
+   accurate to decimetres (`peak`). Otherwise the reason is returned (`links`). A wrong link is
+   worse than none.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -70,7 +72,6 @@ from solmap.photogrammetry.matching.cross_site.image_matching import (
 )
 from solmap.photogrammetry.matching.cross_site.links import (
     LEAST_TO_ALIGN,
-    SIGNIFICANT_Z,
     LinkTestParams,
     SiteLink,
     distance_m,
@@ -82,7 +83,6 @@ from solmap.photogrammetry.matching.cross_site.links import (
 from solmap.photogrammetry.matching.cross_site.peak import common_ground, peak_covariance
 from solmap.photogrammetry.matching.cross_site.surface_alignment import RELIEF
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
-    CERTAIN,
     SurfaceTieParams,
     tie_by_pose,
     tie_by_surface,
@@ -177,26 +177,38 @@ def tie_cross_site(
     by_chance = _count_by_chance(trials, best, tried, wrong) if is_enough else 0
     link = _evaluate(trials, best, by_chance, params)
     is_single = all(fit.z < least_z for fit in fits[1:])
-    if link.linked or not (is_clear and is_single):
+    if not (is_clear and is_single):
         return link
-    return _link_by_peak(trials, fits[0], link.reason, params) or link
+    by_peak = _link_by_peak(trials, fits[0], link.reason, params)
+    return min(link, by_peak, key=lambda some: _plan_sigma_m(one, some))
+
+
+def _plan_sigma_m(earlier: StopViews, link: SiteLink) -> float:
+    """Standard deviation of the position in plan, metres; infinite without a link."""
+    to_plan = earlier.stop.lsl_from_rover.rotation[:2]
+    plan = to_plan @ link.covariance[3:, 3:] @ to_plan.T
+    return float(np.trace(plan)) ** 0.5 if link.linked else np.inf
 
 
 def _link_by_peak(
-    trials: Trials, fit: PlaneFit, refused: str, params: CrossSiteParams
-) -> SiteLink | None:
-    """The link of a peak that cannot be random, where neither surfaces nor images decide."""
+    trials: Trials, fit: PlaneFit, by_images: str, params: CrossSiteParams
+) -> SiteLink:
+    """The link of a peak that cannot be random.
+
+    `by_images` describes the link by images, or states why there is none; the reason repeats it.
+    """
     one, other = trials.one, trials.other
     stops, surfaces = (one.stop, other.stop), params.surface_matching
     pose = pose_from_fit(*stops, fit)
     level = level_pose(*stops, pose)
     places = common_ground(one.birds_eye, other.birds_eye, fit, surfaces.block_m)
+    places = places[:: max(1, math.ceil(len(places) / surfaces.most))]
     covariance = peak_covariance(level, places)
     ties = tie_by_pose(stops, places, level, covariance, surfaces.least)
     if not len(ties):
-        return None
+        return refused_link(one, other, by_images, fit)
     axes = np.kron(np.eye(2), one.stop.lsl_from_rover.rotation.T)
-    reason = f"by a peak of {fit.z:.1f} sigma alone ({refused})"
+    reason = f"by a peak of {fit.z:.1f} sigma alone (images: {by_images})"
     link = _linked(trials, fit, pose, axes @ covariance @ axes.T, ties, reason)
     return replace(link, figures=replace(link.figures, by_shape=len(ties)))
 
@@ -237,10 +249,7 @@ def _link_by_surfaces(
     starts, elsewhere = (
         [level_pose(*stops, pose_from_fit(*stops, fit)) for fit in some] for some in (fits, wrong)
     )
-    needed = CERTAIN / 2 if fits[0].z >= SIGNIFICANT_Z else CERTAIN
-    shape = try_shapes(
-        (first, second), starts, elsewhere, SEPARATION_M, surfaces.surface, first_needs=needed
-    )
+    shape = try_shapes((first, second), starts, elsewhere, SEPARATION_M, surfaces.surface)
     if shape is None:
         return None
     found = shape.found

@@ -130,16 +130,13 @@ def try_shapes(
     elsewhere: Sequence[Pose],
     apart_m: float,
     params: SurfaceParams,
-    *,
-    first_needs: float = CERTAIN / 2,
 ) -> ShapeTrial | None:
     """Register the later stop's ground to the earlier one's from hypotheses.
 
     The one with the most significant correlation of relief is returned where that exceeds the
-    significance by chance by `CERTAIN`, or by `first_needs` at the position of the first
-    hypothesis, a significant peak of the search; None otherwise. By chance are hypotheses that end
-    further than `apart_m` from it, and positions without hypothesis. Those that cast doubt on it
-    are registered again from where they end, because the slope of its own relief correlates too.
+    significance by chance by `CERTAIN`; None otherwise. By chance are hypotheses that end further
+    than `apart_m` from it, and positions without hypothesis. Those that cast doubt on it are
+    registered again from where they end, because the slope of its own relief correlates too.
     """
     prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
 
@@ -151,7 +148,7 @@ def try_shapes(
     if not tried:
         return None
     best = max(tried, key=significance)
-    doubtful = significance(best) - (first_needs if best is laid[0] else CERTAIN)
+    doubtful = significance(best) - CERTAIN
     by_chance = 0.0
     for one in laid:
         if one is not None:

@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from solmap.photogrammetry.frames import LSL, Pose, site_frame
+from solmap.photogrammetry.matching.cross_site import peak
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeParams,
     BirdsEyeView,
@@ -49,6 +51,18 @@ def test_a_clear_peak_links_stops_that_neither_surfaces_nor_images_do(
     error_m = np.linalg.norm(link.earlier_from_later.translation_m - true.translation_m)
     assert error_m < 3 * np.hypot(SHIFT_M, DOWN_M)
     assert abs(np.arctan2(turn[1, 0], turn[0, 0])) < 3 * AZIMUTH
+
+
+@pytest.mark.parametrize(("sigma_m", "by_peak"), [(SHIFT_M, False), (1e-5, True)])
+def test_the_link_that_determines_the_position_better_is_used(
+    first_stop, second_stop, monkeypatch, sigma_m, by_peak
+):
+    monkeypatch.setattr(peak, "SHIFT_M", sigma_m)
+    monkeypatch.setattr(peak, "AZIMUTH", sigma_m)
+    link = linked(first_stop, second_stop, replace(PEAK_ALONE, link_test=LinkTestParams()))
+    assert link.linked, link.reason
+    assert ("peak of" in link.reason) is by_peak
+    assert link.ties.surface_matched.any() == by_peak
 
 
 def test_a_peak_that_could_be_random_does_not(first_stop, second_stop):

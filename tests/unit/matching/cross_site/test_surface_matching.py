@@ -75,13 +75,6 @@ def test_wrong_places_alone_are_rejected(grids, true):
     assert try_shapes(grids, wrong[:2], wrong[2:], 1.5, PARAMS.surface) is None
 
 
-def test_the_first_hypothesis_is_refused_below_its_threshold(grids, true):
-    wrong = [moved(true, 2.5, 0, 0)]
-    found = try_shapes(grids, [true], wrong, 1.5, PARAMS.surface)
-    needed = significance(found.found) - found.by_chance + 0.1
-    assert try_shapes(grids, [true], wrong, 1.5, PARAMS.surface, first_needs=needed) is None
-
-
 def test_a_high_correlation_over_little_ground_does_not_count_as_more(found):
     little = replace(found, correlation=0.5, area_m2=5.0)
     much = replace(found, correlation=0.4, area_m2=300.0)
