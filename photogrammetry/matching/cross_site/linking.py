@@ -72,6 +72,7 @@ from solmap.photogrammetry.matching.cross_site.image_matching import (
 )
 from solmap.photogrammetry.matching.cross_site.links import (
     LEAST_TO_ALIGN,
+    SIGNIFICANT_Z,
     LinkTestParams,
     SiteLink,
     distance_m,
@@ -83,6 +84,7 @@ from solmap.photogrammetry.matching.cross_site.links import (
 from solmap.photogrammetry.matching.cross_site.peak import common_ground, peak_covariance
 from solmap.photogrammetry.matching.cross_site.surface_alignment import RELIEF
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
+    CERTAIN,
     SurfaceTieParams,
     tie_by_pose,
     tie_by_surface,
@@ -249,7 +251,10 @@ def _link_by_surfaces(
     starts, elsewhere = (
         [level_pose(*stops, pose_from_fit(*stops, fit)) for fit in some] for some in (fits, wrong)
     )
-    shape = try_shapes((first, second), starts, elsewhere, SEPARATION_M, surfaces.surface)
+    needed = CERTAIN / 2 if fits[0].z >= SIGNIFICANT_Z else CERTAIN
+    shape = try_shapes(
+        (first, second), starts, elsewhere, SEPARATION_M, surfaces.surface, first_needs=needed
+    )
     if shape is None:
         return None
     found = shape.found

@@ -76,8 +76,8 @@ ROUNDS_TO_REST = 100
 """Most rounds for each Gaussian of the best hypothesis: with 12, one was still 0.44 m off."""
 
 CERTAIN = 4.0
-"""Standard deviations by which relief must correlate better than anywhere else; wrong starts
-reached 3.3 at most."""
+"""Standard deviations by which relief must correlate, and correlate better than anywhere else;
+wrong starts reached 3.3 at most, and a link with 3.6 was 31 cm off by five of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +130,17 @@ def try_shapes(
     elsewhere: Sequence[Pose],
     apart_m: float,
     params: SurfaceParams,
+    *,
+    first_needs: float = CERTAIN / 2,
 ) -> ShapeTrial | None:
     """Register the later stop's ground to the earlier one's from hypotheses.
 
-    The one with the most significant correlation of relief is returned where that exceeds the
-    significance by chance by `CERTAIN`; None otherwise. By chance are hypotheses that end further
-    than `apart_m` from it, and positions without hypothesis. Those that cast doubt on it are
-    registered again from where they end, because the slope of its own relief correlates too.
+    The one with the most significant correlation of relief is returned where that is at least
+    `CERTAIN` and exceeds the significance by chance by as much, or by `first_needs` at the position
+    of the first hypothesis, a significant peak of the search; None otherwise. By chance are
+    hypotheses that end further than `apart_m` from it, and positions without hypothesis. Those that
+    cast doubt on it are registered again from where they end, because the slope of its own relief
+    correlates too.
     """
     prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
 
@@ -148,7 +152,9 @@ def try_shapes(
     if not tried:
         return None
     best = max(tried, key=significance)
-    doubtful = significance(best) - CERTAIN
+    if significance(best) < CERTAIN:
+        return None
+    doubtful = significance(best) - (first_needs if best is laid[0] else CERTAIN)
     by_chance = 0.0
     for one in laid:
         if one is not None:

@@ -6,6 +6,7 @@ import pytest
 from solmap.photogrammetry.cameras.epipolar import projection_partials
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.cross_site import surface_matching
 from solmap.photogrammetry.matching.cross_site.gate import level_pose
 from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
@@ -73,6 +74,20 @@ def test_relief_distinguishes_the_true_place_from_others(grids, true):
 def test_wrong_places_alone_are_rejected(grids, true):
     wrong = [moved(true, 6, 0, 0), moved(true, 0, -6, 0), moved(true, -6, 0, 0)]
     assert try_shapes(grids, wrong[:2], wrong[2:], 1.5, PARAMS.surface) is None
+
+
+def test_the_first_hypothesis_is_refused_below_its_threshold(grids, true):
+    wrong = [moved(true, 2.5, 0, 0)]
+    found = try_shapes(grids, [true], wrong, 1.5, PARAMS.surface)
+    needed = significance(found.found) - found.by_chance + 0.1
+    assert try_shapes(grids, [true], wrong, 1.5, PARAMS.surface, first_needs=needed) is None
+
+
+def test_insignificant_relief_is_refused_at_the_only_hypothesis(grids, true, monkeypatch):
+    found = try_shapes(grids, [true], [], 1.5, PARAMS.surface)
+    assert found.by_chance == 0
+    monkeypatch.setattr(surface_matching, "CERTAIN", significance(found.found) + 0.1)
+    assert try_shapes(grids, [true], [], 1.5, PARAMS.surface) is None
 
 
 def test_a_high_correlation_over_little_ground_does_not_count_as_more(found):
