@@ -30,6 +30,7 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.matching.cross_site.birds_eye import level_camera
 from solmap.photogrammetry.matching.cross_site.kernels import sum_facets
+from solmap.photogrammetry.matching.cross_site.light import mean_sun
 from solmap.photogrammetry.matching.height_bias import (
     HeightBias,
     mean_of_known,
@@ -117,10 +118,8 @@ class GroundGrid:
         coarsest = min(shapes, key=lambda g: g.focal_px * g.base_m)
         level = stop.lsl_from_rover.rotation @ coarsest.rover_from_pair.translation_m
         scale_px_m = coarsest.focal_px * coarsest.base_m
-        suns = [pair.sun for pair in stop.pairs if pair.sun is not None]
-        sun = np.mean(suns, axis=0) if suns else None
         mast_m = -float(level[2])
-        return cls(cell_m, up, mast_m, scale_px_m, coarsest.focal_px, sun, brightness)
+        return cls(cell_m, up, mast_m, scale_px_m, coarsest.focal_px, mean_sun(stop), brightness)
 
     @cached_property
     def expected_bias(self) -> HeightBias:

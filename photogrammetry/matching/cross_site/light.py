@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, Raster, Vector3
+from solmap.photogrammetry.matching.records import MatchedStop
 
 SKY_LIGHT = 0.25
 """k: light of the dusty sky, as a fraction of direct sunlight at right angles."""
@@ -56,3 +57,14 @@ def shadow_difference(sun: Vector3, other: Vector3) -> Float64[np.ndarray, " 2"]
     """a(sun) - a(other): north and east displacement between shadows, per metre of height."""
     one, two = (-s[:2] / max(-s[2], LOWEST_SUN) for s in (sun, other))
     return one - two
+
+
+def mean_sun(stop: MatchedStop) -> Vector3 | None:
+    """Mean of the unit vectors towards the sun, level frame; None if no pair has any."""
+    suns = [pair.sun for pair in stop.pairs if pair.sun is not None]
+    return np.mean(suns, axis=0) if suns else None
+
+
+def sun_difference(one: Vector3 | None, other: Vector3 | None) -> float:
+    """Half the length of the difference of unit vectors towards two suns; 1 if one is unknown."""
+    return 1.0 if one is None or other is None else float(np.linalg.norm(one - other)) / 2

@@ -70,6 +70,7 @@ from solmap.photogrammetry.matching.cross_site.image_matching import (
     match_ground,
     refine_ties,
 )
+from solmap.photogrammetry.matching.cross_site.light import mean_sun, sun_difference
 from solmap.photogrammetry.matching.cross_site.links import (
     LEAST_TO_ALIGN,
     SIGNIFICANT_Z,
@@ -205,7 +206,8 @@ def _link_by_peak(
     level = level_pose(*stops, pose)
     places = common_ground(one.birds_eye, other.birds_eye, fit, surfaces.block_m)
     places = places[:: max(1, math.ceil(len(places) / surfaces.most))]
-    covariance = peak_covariance(level, places)
+    suns = sun_difference(*(mean_sun(stop) for stop in stops))
+    covariance = peak_covariance(level, places, suns)
     ties = tie_by_pose(stops, places, level, covariance, surfaces.least)
     if not len(ties):
         return refused_link(one, other, by_images, fit)

@@ -16,11 +16,15 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeView, PlaneFit, place_on
 from solmap.photogrammetry.matching.cross_site.ground_grid import blocks_of
 
-SHIFT_M, DOWN_M, AZIMUTH = 0.15, 0.05, 0.0052
+SHIFT_M, DOWN_M, AZIMUTH = 0.07, 0.05, 0.0052
 """Standard deviations of the position of the common ground, horizontally along each axis and in
-height (metres), and of azimuth (radians). The peaks of twelve links of four path-traced worlds,
-most under opposite suns, had RMS errors of 0.165 m along the way, 0.097 m across, 0.026 m and
-0.0053; those of 21 others 0.035 m, 0.033 m, 0.018 m and 0.0025."""
+height (metres), and of azimuth (radians), under the same sun."""
+
+BY_SUNS_M = 0.15
+"""What is added to the first, as squares, under suns in opposite directions. The peaks of twelve
+links of four path-traced worlds, most under opposite suns, had RMS errors of 0.165 m along the way,
+0.097 m across, 0.026 m in height and 0.0053; those of 44 others 0.06 m, 0.05 m, 0.03 m and 0.003.
+"""
 
 UNKNOWN_TILT = 0.05
 """Standard deviation of each tilt (radians), several times that by gravity, so that the latter
@@ -49,18 +53,20 @@ def common_ground(
     return places[np.unique(blocks_of(places, block_m), return_index=True)[1]]
 
 
-def peak_covariance(pose: Pose, places: ObjectPoints) -> Float64[np.ndarray, "6 6"]:
+def peak_covariance(pose: Pose, places: ObjectPoints, suns: float) -> Float64[np.ndarray, "6 6"]:
     """Covariance of a pose by a peak: errors are independent about the middle of the ground.
 
     Args:
         pose: Later level frame to earlier one.
         places: (n, 3), common ground in the earlier level frame, metres.
+        suns: Difference of the suns, 0 to 1 (`light.sun_difference`).
 
     Returns:
         Of rotation vector (radians), then translation (metres), in the earlier level frame.
     """
     arm = places.mean(axis=0) - pose.translation_m
-    at_middle = (UNKNOWN_TILT, UNKNOWN_TILT, AZIMUTH, SHIFT_M, SHIFT_M, DOWN_M)
+    shift_m = float(np.hypot(SHIFT_M, BY_SUNS_M * suns))
+    at_middle = (UNKNOWN_TILT, UNKNOWN_TILT, AZIMUTH, shift_m, shift_m, DOWN_M)
     to_rover = np.eye(6)
     to_rover[3:, :3] = np.cross(arm, np.eye(3)).T
     return to_rover @ np.diag(np.square(at_middle)) @ to_rover.T

@@ -75,12 +75,12 @@ from solmap.photogrammetry.arrays import (
     ObjectPoints,
     PerPoint,
     Raster,
-    Vector3,
 )
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.ground_grid import GroundGrid, Surface, blocks_of
 from solmap.photogrammetry.matching.cross_site.kernels import height_differences
+from solmap.photogrammetry.matching.cross_site.light import sun_difference
 from solmap.photogrammetry.matching.cross_site.tie_weights import SHARED_PARALLAX_PX
 from solmap.photogrammetry.matching.height_bias import HeightBias, mean_of_known
 from solmap.photogrammetry.ranges import (
@@ -473,7 +473,7 @@ def register(
         if found is not None and brightness.is_alike(found[0]):
             pose, moved, cells = found
     drift = SHARED_PARALLAX_PX * _drift(earlier, later, pose, cells[0].places)
-    sun = _sun_difference(earlier.sun, later.sun)
+    sun = sun_difference(earlier.sun, later.sun)
     shared_motions = _shared_motions(cells[0], params) * sun
     covariance = _covariance(cells, known, drift, shared_motions)
     area_m2 = len(cells[0].weight) * max(sigma_m, earlier.cell_m) ** 2
@@ -577,8 +577,3 @@ def _shared_motions(cells: Cells, params: SurfaceParams) -> Float64[np.ndarray, 
     motions[3, 0] = motions[4, 1] = params.shared_shift_m
     motions[:3, 2], motions[3:MOTION, 2] = up, -np.cross(up, arm)
     return motions
-
-
-def _sun_difference(one: Vector3 | None, other: Vector3 | None) -> float:
-    """Half the length of the difference of unit vectors towards two suns; 1 if one is unknown."""
-    return 1.0 if one is None or other is None else float(np.linalg.norm(one - other)) / 2

@@ -17,6 +17,7 @@ from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, t
 from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from solmap.photogrammetry.matching.cross_site.peak import (
     AZIMUTH,
+    BY_SUNS_M,
     DOWN_M,
     SHIFT_M,
     common_ground,
@@ -53,12 +54,12 @@ def test_a_clear_peak_links_stops_that_neither_surfaces_nor_images_do(
     assert abs(np.arctan2(turn[1, 0], turn[0, 0])) < 3 * AZIMUTH
 
 
-@pytest.mark.parametrize(("sigma_m", "by_peak"), [(SHIFT_M, False), (1e-5, True)])
+@pytest.mark.parametrize(("sigma_m", "by_peak"), [(BY_SUNS_M, False), (1e-5, True)])
 def test_the_link_that_determines_the_position_better_is_used(
     first_stop, second_stop, monkeypatch, sigma_m, by_peak
 ):
-    monkeypatch.setattr(peak, "SHIFT_M", sigma_m)
-    monkeypatch.setattr(peak, "AZIMUTH", sigma_m)
+    for name in ("SHIFT_M", "BY_SUNS_M", "AZIMUTH"):
+        monkeypatch.setattr(peak, name, sigma_m)
     link = linked(first_stop, second_stop, replace(PEAK_ALONE, link_test=LinkTestParams()))
     assert link.linked, link.reason
     assert ("peak of" in link.reason) is by_peak
@@ -80,13 +81,20 @@ def test_one_of_several_significant_peaks_does_not(first_stop, second_stop):
 def test_errors_are_independent_about_the_middle_of_the_ground():
     pose = Pose(LSL, site_frame(1), np.eye(3), np.array([28.0, 3.0, -1.0]))
     places = np.array([[14.0, 0.0, 0.0], [16.0, 2.0, 0.4]])
-    covariance = peak_covariance(pose, places)
+    covariance = peak_covariance(pose, places, 0.0)
     arm = places.mean(axis=0) - pose.translation_m
     by_motion = np.hstack([np.cross(np.eye(3), arm).T, np.eye(3)])  # of the middle: w x arm + t
     at_middle = by_motion @ covariance @ by_motion.T
     np.testing.assert_allclose(at_middle, np.diag([SHIFT_M, SHIFT_M, DOWN_M]) ** 2, atol=1e-9)
     # azimuth moves the rover, some 14 m away, across the way
     assert covariance[4, 4] > SHIFT_M**2 + (13 * AZIMUTH) ** 2
+
+
+def test_opposite_suns_make_the_position_less_certain():
+    pose, place = Pose(LSL, site_frame(1), np.eye(3), np.zeros(3)), np.zeros((1, 3))
+    same, opposite = (np.sqrt(np.diag(peak_covariance(pose, place, suns))) for suns in (0.0, 1.0))
+    np.testing.assert_allclose(opposite[3:5], np.hypot(SHIFT_M, BY_SUNS_M))
+    np.testing.assert_allclose(np.delete(opposite, [3, 4]), np.delete(same, [3, 4]))
 
 
 def test_common_ground_has_a_point_of_each_block_that_both_views_show():
