@@ -1,7 +1,7 @@
 """Pose of the later stop by a clear peak of the bird's-eye search alone.
 
-Rovers 25 to 40 m apart share ground that both see at a few degrees: too few facets face both
-cameras for a registration of surfaces, and under opposite suns no patches look alike. Elevations of
+Rovers 25 to 40 m apart share ground that both see at a few degrees, from opposite sides: too few
+facets face both cameras for a registration of surfaces, and few patches look alike. Elevations of
 the ground in between, averaged over cells, still correlate far above chance. A peak that cannot be
 random (`links.LinkTestParams.clear_z`) then determines azimuth, position and height to decimetres,
 where telemetry would leave metres. Tilt it does not determine.
@@ -18,13 +18,12 @@ from solmap.photogrammetry.matching.cross_site.ground_grid import blocks_of
 
 SHIFT_M, DOWN_M, AZIMUTH = 0.07, 0.05, 0.0052
 """Standard deviations of the position of the common ground, horizontally along each axis and in
-height (metres), and of azimuth (radians), under the same sun."""
+height (metres), and of azimuth (radians), under the same sun. The peaks of 23 links at 22 to 44 m,
+16 of them simulated, had RMS errors of 0.04 m along the way, 0.06 m across, 0.03 m and 0.003."""
 
 BY_SUNS_M = 0.15
-"""What is added to the first, as squares, under suns in opposite directions. The peaks of twelve
-links of four path-traced worlds, most under opposite suns, had RMS errors of 0.165 m along the way,
-0.097 m across, 0.026 m in height and 0.0053; those of 44 others 0.06 m, 0.05 m, 0.03 m and 0.003.
-"""
+"""What suns in opposite directions add to the first, as squares: the peaks of twelve links of four
+path-traced worlds, most under opposite suns, had 0.165 m, 0.097 m, 0.026 m and 0.0053."""
 
 UNKNOWN_TILT = 0.05
 """Standard deviation of each tilt (radians), several times that by gravity, so that the latter
