@@ -66,5 +66,8 @@ def mean_sun(stop: MatchedStop) -> Vector3 | None:
 
 
 def sun_difference(one: Vector3 | None, other: Vector3 | None) -> float:
-    """Half the length of the difference of unit vectors towards two suns; 1 if one is unknown."""
+    """Half the length of the difference of unit vectors towards two suns, level frame.
+
+    0 for the same direction, 1 for opposite ones, and where one is unknown.
+    """
     return 1.0 if one is None or other is None else float(np.linalg.norm(one - other)) / 2

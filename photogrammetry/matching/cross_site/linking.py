@@ -206,8 +206,7 @@ def _link_by_peak(
     level = level_pose(*stops, pose)
     places = common_ground(one.birds_eye, other.birds_eye, fit, surfaces.block_m)
     places = places[:: max(1, math.ceil(len(places) / surfaces.most))]
-    suns = sun_difference(*(mean_sun(stop) for stop in stops))
-    covariance = peak_covariance(level, places, suns)
+    covariance = peak_covariance(level, places, sun_difference(*map(mean_sun, stops)))
     ties = tie_by_pose(stops, places, level, covariance, surfaces.least)
     if not len(ties):
         return refused_link(one, other, by_images, fit)

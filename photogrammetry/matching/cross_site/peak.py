@@ -21,7 +21,7 @@ SHIFT_M, DOWN_M, AZIMUTH = 0.07, 0.05, 0.0052
 height (metres), and of azimuth (radians), under the same sun. The peaks of 23 links at 22 to 44 m,
 16 of them simulated, had RMS errors of 0.04 m along the way, 0.06 m across, 0.03 m and 0.003."""
 
-BY_SUNS_M = 0.15
+OPPOSITE_SUNS_M = 0.15
 """What suns in opposite directions add to the first, as squares: the peaks of twelve links of four
 path-traced worlds, most under opposite suns, had 0.165 m, 0.097 m, 0.026 m and 0.0053."""
 
@@ -52,19 +52,21 @@ def common_ground(
     return places[np.unique(blocks_of(places, block_m), return_index=True)[1]]
 
 
-def peak_covariance(pose: Pose, places: ObjectPoints, suns: float) -> Float64[np.ndarray, "6 6"]:
+def peak_covariance(
+    pose: Pose, places: ObjectPoints, sun_difference: float
+) -> Float64[np.ndarray, "6 6"]:
     """Covariance of a pose by a peak: errors are independent about the middle of the ground.
 
     Args:
         pose: Later level frame to earlier one.
         places: (n, 3), common ground in the earlier level frame, metres.
-        suns: Difference of the suns, 0 to 1 (`light.sun_difference`).
+        sun_difference: 0 under the same sun to 1 under opposite ones (`light.sun_difference`).
 
     Returns:
         Of rotation vector (radians), then translation (metres), in the earlier level frame.
     """
     arm = places.mean(axis=0) - pose.translation_m
-    shift_m = float(np.hypot(SHIFT_M, BY_SUNS_M * suns))
+    shift_m = float(np.hypot(SHIFT_M, OPPOSITE_SUNS_M * sun_difference))
     at_middle = (UNKNOWN_TILT, UNKNOWN_TILT, AZIMUTH, shift_m, shift_m, DOWN_M)
     to_rover = np.eye(6)
     to_rover[3:, :3] = np.cross(arm, np.eye(3)).T

@@ -77,7 +77,7 @@ ROUNDS_TO_REST = 100
 
 CERTAIN = 4.0
 """Standard deviations by which relief must correlate, and correlate better than anywhere else;
-wrong starts reached 3.3 at most, and a link with 3.6 was 31 cm off by five of its own."""
+wrong starts reached 3.3 at most, and a link with 3.6 was 31 cm off, six of its own."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,8 @@ from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, t
 from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from solmap.photogrammetry.matching.cross_site.peak import (
     AZIMUTH,
-    BY_SUNS_M,
     DOWN_M,
+    OPPOSITE_SUNS_M,
     SHIFT_M,
     common_ground,
     peak_covariance,
@@ -54,11 +54,11 @@ def test_a_clear_peak_links_stops_that_neither_surfaces_nor_images_do(
     assert abs(np.arctan2(turn[1, 0], turn[0, 0])) < 3 * AZIMUTH
 
 
-@pytest.mark.parametrize(("sigma_m", "by_peak"), [(BY_SUNS_M, False), (1e-5, True)])
+@pytest.mark.parametrize(("sigma_m", "by_peak"), [(OPPOSITE_SUNS_M, False), (1e-5, True)])
 def test_the_link_that_determines_the_position_better_is_used(
     first_stop, second_stop, monkeypatch, sigma_m, by_peak
 ):
-    for name in ("SHIFT_M", "BY_SUNS_M", "AZIMUTH"):
+    for name in ("SHIFT_M", "OPPOSITE_SUNS_M", "AZIMUTH"):
         monkeypatch.setattr(peak, name, sigma_m)
     link = linked(first_stop, second_stop, replace(PEAK_ALONE, link_test=LinkTestParams()))
     assert link.linked, link.reason
@@ -93,7 +93,7 @@ def test_errors_are_independent_about_the_middle_of_the_ground():
 def test_opposite_suns_make_the_position_less_certain():
     pose, place = Pose(LSL, site_frame(1), np.eye(3), np.zeros(3)), np.zeros((1, 3))
     same, opposite = (np.sqrt(np.diag(peak_covariance(pose, place, suns))) for suns in (0.0, 1.0))
-    np.testing.assert_allclose(opposite[3:5], np.hypot(SHIFT_M, BY_SUNS_M))
+    np.testing.assert_allclose(opposite[3:5], np.hypot(SHIFT_M, OPPOSITE_SUNS_M))
     np.testing.assert_allclose(np.delete(opposite, [3, 4]), np.delete(same, [3, 4]))
 
 
